@@ -1,0 +1,151 @@
+#!/bin/sh
+# Makes the machine ready to build plclink. Called by the top Makefile, not by hand.
+#
+#   configure/setup.sh base    find or build EPICS Base, write configure/RELEASE.local
+#   configure/setup.sh python  make the Python environment of the system tests, print its path
+#
+# Debian 12 and 13. What is there already is used; nothing is downloaded twice. Everything
+# that is built goes to a cache outside the tree: $PLCLINK_CACHE, default ~/.cache/plclink.
+set -eu
+
+cd "$(dirname "$0")/.."
+cache=${PLCLINK_CACHE:-${XDG_CACHE_HOME:-$HOME/.cache}/plclink}
+# The recipe's version is part of the name, so that a changed recipe builds a new Base.
+recipe=1
+
+say() { printf 'plclink setup: %s\n' "$*" >&2; }
+die() { say "$*"; exit 1; }
+
+# Installs the Debian packages that are missing; silent when none is.
+packages() {
+    missing=
+    for p in "$@"; do
+        dpkg-query -W -f '${Status}' "$p" 2>/dev/null | grep -q 'ok installed' ||
+            missing="$missing $p"
+    done
+    [ -n "$missing" ] || return 0
+    command -v apt-get >/dev/null ||
+        die "needs the equivalent of these Debian packages, and finds no apt-get:$missing"
+    root=
+    if [ "$(id -u)" != 0 ]; then
+        command -v sudo >/dev/null ||
+            die "not root and no sudo. Ask an administrator for: apt-get install$missing"
+        root=sudo
+    fi
+    say "installing$missing"
+    log=$(mktemp)
+    if ! { $root apt-get update && $root env DEBIAN_FRONTEND=noninteractive \
+           apt-get install -y --no-install-recommends $missing; } >"$log" 2>&1; then
+        cat "$log" >&2
+        die "apt-get could not install:$missing"
+    fi
+    rm -f "$log"
+}
+
+# True when $1 is a built EPICS Base of version 7.0 or newer.
+is_base() {
+    [ -n "$1" ] && [ -r "$1/configure/CONFIG_BASE_VERSION" ] || return 1
+    grep -Eq '^EPICS_VERSION *= *([7-9]|[1-9][0-9])' "$1/configure/CONFIG_BASE_VERSION" || return 1
+    ls "$1"/lib/*/libdbCore.* >/dev/null 2>&1
+}
+
+# Downloads the newest EPICS Base source that Debian has into the current directory. The
+# sources list is derived from the machine's own, so it asks the mirror this machine asks.
+fetch_base_source() {
+    private=$PWD/apt
+    mkdir -p "$private/lists/partial" "$private/cache/archives/partial"
+    cat /etc/apt/sources.list.d/*.sources 2>/dev/null | awk 'BEGIN { RS = ""; ORS = "\n\n" }
+        /debian-archive/ && !/-security/ && !done { done = 1; print }' |
+        sed -e 's/^Types:.*/Types: deb-src/' -e 's/^Suites:.*/Suites: trixie/' \
+            -e 's/^Components:.*/Components: main/' >"$private/base.sources"
+    if ! [ -s "$private/base.sources" ]; then
+        awk '$1 == "deb" && !/security/ && / main/ {
+            sub(/^deb/, "deb-src"); for (i = 2; i <= NF; i++)
+                if ($i ~ /^(bookworm|trixie|stable)$/) { $i = "trixie"; print; exit } }' \
+            /etc/apt/sources.list >"$private/base.list" 2>/dev/null || :
+    fi
+    list=$(ls "$private"/base.sources "$private"/base.list 2>/dev/null |
+        while read -r f; do [ ! -s "$f" ] || echo "$f"; done | head -n 1)
+    [ -n "$list" ] || die "no Debian mirror in /etc/apt to take EPICS Base from." \
+        "Set EPICS_BASE in configure/RELEASE.local to a Base of your own."
+    chmod -R a+rX "$private"
+    apt="-o Dir::Etc::sourcelist=$list -o Dir::Etc::sourceparts=/dev/null
+         -o Dir::State::lists=$private/lists -o Dir::Cache=$private/cache
+         -o APT::Sandbox::User=root"
+    apt-get $apt update && apt-get $apt source --tar-only epics-base/trixie
+}
+
+# Builds EPICS Base into $1: libcom, ca, database, pvData, pvAccess, normativeTypes, QSRV.
+build_base() {
+    say "building EPICS Base into $1 (once, some minutes) ..."
+    packages build-essential perl libreadline-dev dpkg-dev xz-utils ca-certificates debian-archive-keyring
+    mkdir -p "$1.work"
+    (
+        cd "$1.work"
+        fetch_base_source
+        tar xf epics-base_*.orig.tar.*
+        # The tree is built where it stays: EPICS writes absolute paths into its libraries.
+        rm -rf "$1"
+        mv base-* "$1"
+        cd "$1"
+        sed -i -E '/^SUBMODULES \+= (pvaClient|pvDatabase)/d' modules/Makefile
+        find modules -maxdepth 2 -name Makefile -exec sed -i -E \
+            '/^ *DIRS *\+= *(test|testApp|testCa|examples?|runTestServer|documentation)\b/d' {} +
+        unset MAKEFLAGS MAKELEVEL MFLAGS MAKEOVERRIDES TOP EPICS_BASE EPICS_HOST_ARCH
+        make -j"$(nproc)"
+    ) >"$1.log" 2>&1 || { tail -n 30 "$1.log" >&2; die "EPICS Base did not build: $1.log"; }
+    rm -rf "$1.work"
+    find "$1" -name 'O.*' -type d -prune -exec rm -rf {} +
+    is_base "$1" || die "EPICS Base did not build: $1.log"
+    touch "$1/.complete"
+}
+
+base() {
+    packages build-essential perl libmodbus-dev pkg-config
+    for b in "${EPICS_BASE:-}" /usr/lib/epics; do
+        if is_base "$b"; then write_release "$b"; return; fi
+    done
+    [ -z "${EPICS_BASE:-}" ] || die "EPICS_BASE=$EPICS_BASE is no built EPICS Base >= 7.0."
+    if apt-cache show epics-dev >/dev/null 2>&1; then
+        packages epics-dev
+        if is_base /usr/lib/epics; then write_release /usr/lib/epics; return; fi
+    fi
+    b=$cache/epics-base-7-$(uname -m)-r$recipe
+    mkdir -p "$cache"
+    (
+        flock 9
+        [ -e "$b/.complete" ] || build_base "$b"
+    ) 9>"$cache/lock" || exit 1
+    write_release "$b"
+}
+
+write_release() {
+    say "using EPICS Base in $1"
+    printf '# Written by configure/setup.sh. Edit at will: it is not overwritten.\nEPICS_BASE = %s\n' \
+        "$1" >configure/RELEASE.local.new
+    mv configure/RELEASE.local.new configure/RELEASE.local
+}
+
+python() {
+    packages python3-venv iproute2 iptables iputils-ping procps
+    want=$(cksum <tests/requirements.txt | cut -d' ' -f1)
+    venv=$cache/venv-$(python3 -c 'import sys; print("%d.%d" % sys.version_info[:2])')-$want
+    (
+        flock 9
+        if ! [ -e "$venv/.complete" ]; then
+            say "making the Python environment of the tests in $venv"
+            mkdir -p "$cache"
+            python3 -m venv --clear "$venv" &&
+                "$venv/bin/pip" install -q --disable-pip-version-check \
+                    -r tests/requirements.txt >&2 &&
+                touch "$venv/.complete"
+        fi
+    ) 9>"$cache/lock" || die "pip could not install tests/requirements.txt"
+    echo "$venv"
+}
+
+case ${1:-} in
+    base) base ;;
+    python) mkdir -p "$cache"; python ;;
+    *) die "usage: configure/setup.sh base|python" ;;
+esac
