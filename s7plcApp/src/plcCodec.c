@@ -1,0 +1,270 @@
+/* The data types of a PLC block: names, sizes, limits and the way of their bytes.
+ *
+ * Knows bytes and numbers; knows no records, no links and no sockets.
+ */
+#include <string.h>
+
+#include <epicsEndian.h>
+#include <epicsString.h>
+
+#include "plcCodec.h"
+
+#if EPICS_BYTE_ORDER == EPICS_ENDIAN_BIG
+#define HOST_BIG 1
+#else
+#define HOST_BIG 0
+#endif
+
+/* In the order of the documentation. The most negative value of a signed type is not a
+ * default limit, so that it is never written by chance. 64-bit types have no limits: both
+ * are 0. */
+const plcType plcTypes[] = {
+    {"INT8", plcSigned, 1, -0x7F, 0x7F},
+    {"UINT8", plcUnsigned, 1, 0, 0xFF},
+    {"INT16", plcSigned, 2, -0x7FFF, 0x7FFF},
+    {"UINT16", plcUnsigned, 2, 0, 0xFFFF},
+    {"INT32", plcSigned, 4, -0x7FFFFFFF, 0x7FFFFFFF},
+    {"UINT32", plcUnsigned, 4, 0, 0xFFFFFFFFLL},
+    {"INT64", plcSigned, 8, 0, 0},
+    {"UINT64", plcUnsigned, 8, 0, 0},
+    {"REAL32", plcReal, 4, 0, 0},
+    {"REAL64", plcReal, 8, 0, 0},
+    {"STRING", plcString, 1, 0, 0},
+    {"TIME", plcBcd, 1, 0, 0},
+    {NULL, 0, 0, 0, 0},
+};
+
+/* Other names of the same types. */
+static const struct {
+    const char *alias;
+    const char *name;
+} aliases[] = {
+    {"UNSIGN8", "UINT8"},
+    {"BYTE", "UINT8"},
+    {"CHAR", "UINT8"},
+    {"SHORT", "INT16"},
+    {"UNSIGN16", "UINT16"},
+    {"WORD", "UINT16"},
+    {"LONG", "INT32"},
+    {"UNSIGN32", "UINT32"},
+    {"DWORD", "UINT32"},
+    {"LONGLONG", "INT64"},
+    {"UNSIGN64", "UINT64"},
+    {"QWORD", "UINT64"},
+    {"FLOAT32", "REAL32"},
+    {"FLOAT", "REAL32"},
+    {"FLOAT64", "REAL64"},
+    {"DOUBLE", "REAL64"},
+    {"BCD", "TIME"},
+    {NULL, NULL},
+};
+
+/* The whole of `word`, not only its beginning: FLOAT is not FLOAT64. */
+static int sameWord(const char *word, const char *name, size_t length)
+{
+    return strlen(word) == length && epicsStrnCaseCmp(word, name, length) == 0;
+}
+
+const plcType *plcTypeFind(const char *name, size_t length)
+{
+    const plcType *type;
+    int i;
+
+    for (i = 0; aliases[i].alias; i++) {
+        if (sameWord(aliases[i].alias, name, length)) {
+            name = aliases[i].name;
+            length = strlen(name);
+            break;
+        }
+    }
+    for (type = plcTypes; type->name; type++) {
+        if (sameWord(type->name, name, length))
+            return type;
+    }
+    return NULL;
+}
+
+const plcType *plcTypeOf(plcKind kind, unsigned size)
+{
+    const plcType *type;
+
+    for (type = plcTypes; type->name; type++) {
+        if (type->kind == kind && type->size == size)
+            return type;
+    }
+    return NULL;
+}
+
+void plcTypeList(unsigned kinds, unsigned maxSize, char *text, size_t size)
+{
+    const plcType *type;
+    size_t used = 0;
+
+    if (size == 0)
+        return;
+    text[0] = 0;
+    for (type = plcTypes; type->name; type++) {
+        size_t length = strlen(type->name);
+
+        if (!(type->kind & kinds) || (type->kind & plcInteger && type->size > maxSize))
+            continue;
+        if (used + (used > 0) + length + 1 > size)
+            return;
+        if (used)
+            text[used++] = ' ';
+        memcpy(text + used, type->name, length + 1);
+        used += length;
+    }
+}
+
+/* Shifts, not builtins: every compiler we met makes one instruction of each. */
+static epicsUInt16 swap16(epicsUInt16 x)
+{
+    return (epicsUInt16)(x << 8 | x >> 8);
+}
+
+static epicsUInt32 swap32(epicsUInt32 x)
+{
+    return x << 24 | (x & 0xFF00u) << 8 | (x >> 8 & 0xFF00u) | x >> 24;
+}
+
+static epicsUInt64 swap64(epicsUInt64 x)
+{
+    return (epicsUInt64)swap32((epicsUInt32)x) << 32 | swap32((epicsUInt32)(x >> 32));
+}
+
+/* An element of 1, 2, 4 or 8 bytes, zero-extended. */
+static epicsUInt64 load(const void *bytes, unsigned size, int bigEndian)
+{
+    int swap = !bigEndian != !HOST_BIG;
+    epicsUInt16 u16;
+    epicsUInt32 u32;
+    epicsUInt64 u64;
+
+    switch (size) {
+    case 1:
+        return *(const epicsUInt8 *)bytes;
+    case 2:
+        memcpy(&u16, bytes, 2);
+        return swap ? swap16(u16) : u16;
+    case 4:
+        memcpy(&u32, bytes, 4);
+        return swap ? swap32(u32) : u32;
+    default:
+        memcpy(&u64, bytes, 8);
+        return swap ? swap64(u64) : u64;
+    }
+}
+
+/* The low bytes of `value` as an element of 1, 2, 4 or 8 bytes. */
+static void store(void *bytes, unsigned size, int bigEndian, epicsUInt64 value)
+{
+    int swap = !bigEndian != !HOST_BIG;
+    epicsUInt16 u16 = (epicsUInt16)value;
+    epicsUInt32 u32 = (epicsUInt32)value;
+
+    switch (size) {
+    case 1:
+        *(epicsUInt8 *)bytes = (epicsUInt8)value;
+        break;
+    case 2:
+        u16 = swap ? swap16(u16) : u16;
+        memcpy(bytes, &u16, 2);
+        break;
+    case 4:
+        u32 = swap ? swap32(u32) : u32;
+        memcpy(bytes, &u32, 4);
+        break;
+    default:
+        value = swap ? swap64(value) : value;
+        memcpy(bytes, &value, 8);
+        break;
+    }
+}
+
+epicsInt64 plcGetInt(const plcType *type, const void *bytes, int bigEndian)
+{
+    epicsUInt64 value = load(bytes, type->size, bigEndian);
+
+    if (type->kind == plcSigned) {
+        epicsUInt64 sign = (epicsUInt64)1 << (8 * type->size - 1);
+
+        value = (value ^ sign) - sign;
+    }
+    return (epicsInt64)value;
+}
+
+void plcPutInt(const plcType *type, void *bytes, int bigEndian, epicsInt64 value)
+{
+    store(bytes, type->size, bigEndian, (epicsUInt64)value);
+}
+
+double plcGetReal(const plcType *type, const void *bytes, int bigEndian)
+{
+    epicsUInt64 bits = load(bytes, type->size, bigEndian);
+    double value;
+
+    if (type->size == 4) {
+        epicsUInt32 bits32 = (epicsUInt32)bits;
+        float value32;
+
+        memcpy(&value32, &bits32, 4);
+        return value32;
+    }
+    memcpy(&value, &bits, 8);
+    return value;
+}
+
+void plcPutReal(const plcType *type, void *bytes, int bigEndian, double value)
+{
+    epicsUInt64 bits;
+
+    if (type->size == 4) {
+        float value32 = (float)value;
+        epicsUInt32 bits32;
+
+        memcpy(&bits32, &value32, 4);
+        bits = bits32;
+    } else {
+        memcpy(&bits, &value, 8);
+    }
+    store(bytes, type->size, bigEndian, bits);
+}
+
+void plcCopyElements(void *dst, const void *src, unsigned size, size_t n, int bigEndian)
+{
+    const epicsUInt8 *from = src;
+    epicsUInt8 *to = dst;
+    size_t i;
+
+    if (n == 0)
+        return;
+    if (size == 1 || !bigEndian == !HOST_BIG) {
+        memcpy(dst, src, size * n);
+    } else if (size == 2) {
+        for (i = 0; i < n; i++)
+            store(to + 2 * i, 2, HOST_BIG, load(from + 2 * i, 2, !HOST_BIG));
+    } else if (size == 4) {
+        for (i = 0; i < n; i++)
+            store(to + 4 * i, 4, HOST_BIG, load(from + 4 * i, 4, !HOST_BIG));
+    } else {
+        for (i = 0; i < n; i++)
+            store(to + 8 * i, 8, HOST_BIG, load(from + 8 * i, 8, !HOST_BIG));
+    }
+}
+
+void plcBcdDecode(epicsUInt8 *dst, const epicsUInt8 *src, size_t n)
+{
+    size_t i;
+
+    for (i = 0; i < n; i++)
+        dst[i] = (epicsUInt8)((src[i] >> 4) * 10 + (src[i] & 0xF));
+}
+
+void plcBcdEncode(epicsUInt8 *dst, const epicsUInt8 *src, size_t n)
+{
+    size_t i;
+
+    for (i = 0; i < n; i++)
+        dst[i] = (epicsUInt8)((src[i] / 10 % 10) << 4 | src[i] % 10);
+}

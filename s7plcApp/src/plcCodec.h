@@ -1,0 +1,71 @@
+/* The data types of a PLC block and how their bytes become values of the IOC.
+ *
+ * Pure functions: no records, no links, no sockets, no clock, no memory of anything.
+ * Source of the names, aliases and default limits: the manual of PSI's s7plc, which this
+ * module replaces; REAL is IEEE 754; BCD is the Siemens DATE_AND_TIME digit pair.
+ */
+#ifndef INC_plcCodec_H
+#define INC_plcCodec_H
+
+#include <stddef.h>
+
+#include <epicsTypes.h>
+
+typedef enum {
+    plcSigned   = 1, /* kinds are bits, so that a set of allowed kinds is a mask */
+    plcUnsigned = 2,
+    plcReal     = 4,
+    plcString   = 8,
+    plcBcd      = 16
+} plcKind;
+
+#define plcInteger (plcSigned | plcUnsigned)
+
+typedef struct plcType {
+    const char *name; /* "INT16" */
+    plcKind kind;
+    unsigned size;    /* bytes of one element: 1, 2, 4 or 8 */
+    epicsInt64 low;   /* default L: integers of at most 32 bits only. The most negative */
+    epicsInt64 high;  /* default H  value is left out: -0x7FFF for INT16 */
+} plcType;
+
+/* All types in the order of the documentation; ends with a row whose name is NULL. */
+extern const plcType plcTypes[];
+
+/* The type of this name or alias, upper or lower case; NULL if there is none.
+ * `length` characters of `name` count: it need not be terminated. */
+const plcType *plcTypeFind(const char *name, size_t length);
+
+/* The type of this kind and element size; NULL if there is none. */
+const plcType *plcTypeOf(plcKind kind, unsigned size);
+
+/* Writes the names of all types whose kind is in `kinds`, separated by blanks, for error
+ * messages: "INT8 UINT8 INT16 REAL32". Integers of more than `maxSize` bytes are left out.
+ * A name that would not fit into `size` characters is left out too, whole. */
+void plcTypeList(unsigned kinds, unsigned maxSize, char *text, size_t size);
+
+/* One element. `bytes` need not be aligned. `bigEndian` is the order on the wire.
+ *
+ * plcGetInt gives the value sign-extended (plcSigned) or zero-extended to 64 bits; a UINT64
+ * comes back with its bits unchanged. plcPutInt writes the low bytes of `value`: the
+ * rest is cut off (modulo 2^n). Any kind but plcReal is treated as an integer. */
+epicsInt64 plcGetInt(const plcType *type, const void *bytes, int bigEndian);
+void plcPutInt(const plcType *type, void *bytes, int bigEndian, epicsInt64 value);
+
+/* REAL32 and REAL64 as double. A double beyond the range of REAL32 becomes infinite, as
+ * IEEE 754 says. Type must be of kind plcReal. */
+double plcGetReal(const plcType *type, const void *bytes, int bigEndian);
+void plcPutReal(const plcType *type, void *bytes, int bigEndian, double value);
+
+/* Copies n elements of `size` bytes (1, 2, 4, 8) between wire order and the order of this
+ * machine. The same function serves both directions. No alignment is needed; dst and src
+ * must not overlap. */
+void plcCopyElements(void *dst, const void *src, unsigned size, size_t n, int bigEndian);
+
+/* BCD: one byte holds two decimal digits, 0x59 <-> 59. Decoding a byte whose nibbles are
+ * not digits gives high*10 + low all the same (0xFF -> 165), so that nonsense is seen as
+ * nonsense. Encoding a value outside 0..99 writes value modulo 100. */
+void plcBcdDecode(epicsUInt8 *dst, const epicsUInt8 *src, size_t n);
+void plcBcdEncode(epicsUInt8 *dst, const epicsUInt8 *src, size_t n);
+
+#endif /* INC_plcCodec_H */
