@@ -1,0 +1,67 @@
+/* The text of an INP or OUT link taken apart:
+ *
+ *     @PLCname/offset T=type L=low H=high B=bit R=readback
+ *
+ * Pure: knows the data types, but no station, no record and no block size. What a record
+ * type allows is one row of constants (plcShape), so that every refusal reads alike.
+ */
+#ifndef INC_plcLink_H
+#define INC_plcLink_H
+
+#include <stddef.h>
+
+#include <epicsTypes.h>
+
+#include "plcCodec.h"
+
+#define PLC_NAME_MAX 255 /* characters of a station name */
+
+/* Which options stood in the text */
+#define plcHasT 1
+#define plcHasL 2
+#define plcHasH 4
+#define plcHasB 8
+#define plcHasR 16
+
+typedef struct plcLink {
+    char station[PLC_NAME_MAX + 1];
+    unsigned has;        /* plcHasT | ... */
+    const plcType *type; /* T=, NULL when not given */
+    size_t offset;       /* bytes from the start of the block */
+    epicsInt64 low;      /* L= */
+    epicsInt64 high;     /* H= */
+    unsigned bit;        /* B= */
+    size_t readback;     /* R=: where in the input block the PLC shows this output */
+    struct {             /* columns in the text, for messages; its end when not given */
+        size_t offset, T, L, H, B, R;
+    } column;
+} plcLink;
+
+/* Why a link text is refused or doubtful, and where: column 0 is the first character. */
+typedef struct plcLinkError {
+    size_t column;
+    char text[160];
+} plcLinkError;
+
+/* Parses `text` (with or without the leading '@'). Returns 0, or -1 with *error filled.
+ * A text that is accepted but doubtful (an octal number) returns 0 with error->text not
+ * empty; else error->text is "". *link is complete only when 0 is returned. */
+int plcLinkParse(const char *text, plcLink *link, plcLinkError *error);
+
+/* What a record type allows, and what it means where the link is silent. */
+typedef struct plcShape {
+    const char *recordType;  /* "ai" */
+    unsigned kinds;          /* mask of plcKind */
+    unsigned maxSize;        /* bytes of the widest integer allowed; REAL64 always passes */
+    unsigned options;        /* plcHasL | ...: options that mean something here; others
+                                are accepted and ignored, as s7plc does */
+    const char *defaultType; /* "INT16", "STRING" */
+} plcShape;
+
+/* Fills in the defaults (type, L, H) and checks type, limits and bit against the shape.
+ * `length` is the number of bytes of the record's own string or array, the default L of
+ * T=STRING (0: none). Returns 0 or -1 with *error filled. */
+int plcLinkComplete(plcLink *link, const plcShape *shape, size_t length,
+                    plcLinkError *error);
+
+#endif /* INC_plcLink_H */
