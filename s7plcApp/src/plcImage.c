@@ -1,0 +1,143 @@
+/* An image: the bytes of one block between record threads and the station's thread.
+ *
+ * Knows nothing of sockets, records or types. One mutex guards all of an image; it is held
+ * for a copy of at most the block and for nothing else.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include <cantProceed.h>
+#include <epicsMutex.h>
+#include <epicsStdio.h>
+
+#include "plcImage.h"
+
+struct plcImage {
+    epicsMutexId lock;
+    size_t size;
+    epicsUInt8 *bytes;
+    epicsTimeStamp stamp;
+    int valid;
+    int dirty;
+    char reason[PLC_REASON_SIZE]; /* "" when valid */
+};
+
+plcImage *plcImageCreate(size_t size)
+{
+    plcImage *image = callocMustSucceed(1, sizeof(*image), "plcImageCreate");
+
+    image->lock = epicsMutexMustCreate();
+    image->size = size;
+    image->bytes = callocMustSucceed(1, size ? size : 1, "plcImageCreate");
+    strcpy(image->reason, "not connected yet");
+    return image;
+}
+
+void plcImageDestroy(plcImage *image)
+{
+    if (!image)
+        return;
+    epicsMutexDestroy(image->lock);
+    free(image->bytes);
+    free(image);
+}
+
+size_t plcImageSize(const plcImage *image)
+{
+    return image->size;
+}
+
+int plcImageRead(plcImage *image, size_t offset, size_t length, void *dst,
+                 epicsTimeStamp *stamp)
+{
+    int valid;
+
+    epicsMutexMustLock(image->lock);
+    valid = image->valid;
+    if (valid) {
+        memcpy(dst, image->bytes + offset, length);
+        if (stamp)
+            *stamp = image->stamp;
+    }
+    epicsMutexUnlock(image->lock);
+    return valid ? 0 : -1;
+}
+
+void plcImageReason(plcImage *image, char reason[PLC_REASON_SIZE])
+{
+    epicsMutexMustLock(image->lock);
+    memcpy(reason, image->reason, PLC_REASON_SIZE);
+    epicsMutexUnlock(image->lock);
+}
+
+void plcImagePublish(plcImage *image, const void *block, const epicsTimeStamp *stamp)
+{
+    epicsMutexMustLock(image->lock);
+    if (image->size)
+        memcpy(image->bytes, block, image->size);
+    image->stamp = *stamp;
+    image->valid = 1;
+    image->reason[0] = 0;
+    epicsMutexUnlock(image->lock);
+}
+
+void plcImageInvalidate(plcImage *image, const char *reason)
+{
+    epicsMutexMustLock(image->lock);
+    image->valid = 0;
+    epicsSnprintf(image->reason, sizeof(image->reason), "%s", reason);
+    epicsMutexUnlock(image->lock);
+}
+
+int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src,
+                  const void *mask)
+{
+    const epicsUInt8 *from = src, *bits = mask;
+    epicsUInt8 *to = image->bytes + offset;
+    int first;
+    size_t i;
+
+    epicsMutexMustLock(image->lock);
+    if (!mask && length)
+        memcpy(to, from, length);
+    for (i = 0; mask && i < length; i++)
+        to[i] = (epicsUInt8)((to[i] & ~bits[i]) | (from[i] & bits[i]));
+    first = !image->dirty;
+    image->dirty = 1;
+    epicsMutexUnlock(image->lock);
+    return first;
+}
+
+int plcImageDirty(plcImage *image)
+{
+    int dirty;
+
+    epicsMutexMustLock(image->lock);
+    dirty = image->dirty;
+    epicsMutexUnlock(image->lock);
+    return dirty;
+}
+
+void plcImageTouch(plcImage *image)
+{
+    epicsMutexMustLock(image->lock);
+    image->dirty = 1;
+    epicsMutexUnlock(image->lock);
+}
+
+void plcImageTake(plcImage *image, void *dst)
+{
+    epicsMutexMustLock(image->lock);
+    if (image->size)
+        memcpy(dst, image->bytes, image->size);
+    image->dirty = 0;
+    epicsMutexUnlock(image->lock);
+}
+
+void plcImagePeek(plcImage *image, size_t offset, size_t length, void *dst)
+{
+    epicsMutexMustLock(image->lock);
+    if (length)
+        memcpy(dst, image->bytes + offset, length);
+    epicsMutexUnlock(image->lock);
+}

@@ -1,0 +1,62 @@
+/* An image: the bytes of one block, in or out, as records see them.
+ *
+ * Knows nothing of sockets, records or types. The one place where record threads and the
+ * station's thread meet. All functions may be called from any thread; none blocks longer
+ * than a copy of the block takes: the lock is never held across a system call, errlog,
+ * a scan request or record processing.
+ */
+#ifndef INC_plcImage_H
+#define INC_plcImage_H
+
+#include <stddef.h>
+
+#include <epicsTime.h>
+#include <epicsTypes.h>
+
+typedef struct plcImage plcImage;
+
+#define PLC_REASON_SIZE 40 /* AMSG of a record, with its terminator */
+
+/* An image of `size` bytes, all zero, not valid, with the reason "not connected yet". */
+plcImage *plcImageCreate(size_t size);
+void plcImageDestroy(plcImage *image);
+size_t plcImageSize(const plcImage *image);
+
+/* --- Input: the station publishes, records read --------------------------------------- */
+
+/* Copies `length` bytes at `offset` to `dst`; all of them are of one block. The caller has
+ * checked offset + length <= size, once, when the record was initialised.
+ * stamp (may be NULL): time stamp of the block.
+ * Returns 0, or -1 when the image is not valid: then nothing is copied. */
+int plcImageRead(plcImage *image, size_t offset, size_t length, void *dst,
+                 epicsTimeStamp *stamp);
+
+/* Why the image is not valid, in words for AMSG; "" when it is valid. */
+void plcImageReason(plcImage *image, char reason[PLC_REASON_SIZE]);
+
+/* A whole new block: the image is valid from now on. */
+void plcImagePublish(plcImage *image, const void *block, const epicsTimeStamp *stamp);
+
+/* No data any more, or a better reason why not. */
+void plcImageInvalidate(plcImage *image, const char *reason);
+
+/* --- Output: records write, the station takes ------------------------------------------ */
+
+/* Writes `length` bytes at `offset`, only the bits that are set in `mask` (NULL: all).
+ * Returns 1 when this is the first write since plcImageTake, else 0. */
+int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src,
+                  const void *mask);
+
+/* True when something was written since the last plcImageTake. */
+int plcImageDirty(plcImage *image);
+
+/* Marks the image as written, so that it leaves again (reconnect, forced send). */
+void plcImageTouch(plcImage *image);
+
+/* Copies the whole image to `dst` and forgets that it was written. */
+void plcImageTake(plcImage *image, void *dst);
+
+/* Copies without forgetting (show, read-back of an output). */
+void plcImagePeek(plcImage *image, size_t offset, size_t length, void *dst);
+
+#endif /* INC_plcImage_H */
