@@ -1,0 +1,383 @@
+/* Device support "S7plc", the part that is the same for every record type: from the link
+ * to a place in an image, the copy between image and record adapter, alarms, messages, and
+ * links that change at run time.
+ *
+ * Knows no record type: their fields are in devS7plcIn.c, devS7plcOut.c, devS7plcArray.c.
+ */
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <alarm.h>
+#include <cantProceed.h>
+#include <dbDefs.h>
+#include <dbLink.h>
+#include <dbScan.h>
+#include <epicsStdio.h>
+#include <epicsString.h>
+#include <epicsTime.h>
+#include <errlog.h>
+#include <link.h>
+
+#include "plcCompat.h"
+#include "devS7plc.h"
+
+#define QUOTE_MAX 70  /* characters of a link that a message shows */
+#define QUOTE_LEAD 40 /* of them before the place of the error, in a long link */
+
+static int running;         /* 1 after iocInit: add_record means a link that changed */
+static IOSCANPVT neverScan; /* I/O Intr of records whose link was refused */
+
+static const devSupport *supportOf(const dbCommon *prec)
+{
+    return (const devSupport *)prec->dset;
+}
+
+/* --- Messages --------------------------------------------------------------------------- */
+
+int devFail(plcLinkError *error, size_t column, const char *format, ...)
+{
+    va_list args;
+
+    error->column = column;
+    va_start(args, format);
+    epicsVsnprintf(error->text, sizeof(error->text), format, args);
+    va_end(args);
+    return -1;
+}
+
+void devWarn(dbCommon *prec, const char *format, ...)
+{
+    const devSupport *support = supportOf(prec);
+    char text[200];
+    va_list args;
+
+    va_start(args, format);
+    epicsVsnprintf(text, sizeof(text), format, args);
+    va_end(args);
+    errlogPrintf("%s %s \"%s\" warning: %s\n", support->dtyp, support->shape.recordType,
+                 prec->name, text);
+}
+
+/* Says what is wrong, then the link and a caret under the place. Of a long link only
+ * the surroundings of the place are shown. */
+static void printRefusal(dbCommon *prec, const char *text, const plcLinkError *error)
+{
+    const devSupport *support = supportOf(prec);
+    size_t length = strlen(text);
+    size_t column = error->column < length ? error->column : length;
+    size_t from = length > QUOTE_MAX && column > QUOTE_LEAD ? column - QUOTE_LEAD : 0;
+    const char *head = from ? "..." : "@";
+    const char *tail = length - from > QUOTE_MAX ? "..." : "";
+
+    errlogPrintf("%s %s \"%s\" %s: %s\n    %s%.*s%s\n    %*s\n", support->dtyp,
+                 support->shape.recordType, prec->name, support->field, error->text, head,
+                 QUOTE_MAX, text + from, tail, (int)(strlen(head) + column - from + 1), "^");
+}
+
+/* The message without what is allowed: it must fit into AMSG. */
+static char *shortReason(const plcLinkError *error)
+{
+    char reason[PLC_REASON_SIZE];
+    size_t length = strcspn(error->text, ";");
+
+    if (length >= sizeof(reason))
+        length = sizeof(reason) - 1;
+    memcpy(reason, error->text, length);
+    reason[length] = 0;
+    return epicsStrDup(reason);
+}
+
+/* --- From the link to a place in a block ------------------------------------------------- */
+
+static const char *linkText(dbCommon *prec)
+{
+    const struct link *link = dbGetDevLink(prec);
+
+    if (!link || link->type != INST_IO || !link->value.instio.string)
+        return "";
+    return link->value.instio.string;
+}
+
+static int findStation(devRecord *dev, const plcLink *link, plcLinkError *error)
+{
+    char names[80];
+
+    dev->station = plcStationFind(link->station);
+    if (dev->station)
+        return 0;
+    plcStationNames(names, sizeof(names));
+    return devFail(error, 0, "no PLC \"%.40s\"; configured: %s", link->station,
+                   names[0] ? names : "none (s7plcConfigure comes before iocInit)");
+}
+
+/* Refuses a value that does not lie in the block. */
+static int checkPlace(size_t offset, size_t length, size_t size, const char *block,
+                      size_t column, plcLinkError *error)
+{
+    if (offset <= size && length <= size - offset)
+        return 0;
+    if (size == 0)
+        return devFail(error, column, "%s size is 0; configure the PLC with its size",
+                       block);
+    return devFail(error, column, "%lu + %lu bytes exceed the %s; %sSize is %lu",
+                   (unsigned long)offset, (unsigned long)length, block, block,
+                   (unsigned long)size);
+}
+
+/* Fills dev from the completed link. */
+static int place(dbCommon *prec, devRecord *dev, const plcLink *link, plcLinkError *error)
+{
+    const devSupport *support = supportOf(prec);
+    int out = support->direction == devOut;
+
+    dev->image = out ? plcStationOutput(dev->station) : plcStationInput(dev->station);
+    dev->bigEndian = plcStationBigEndian(dev->station);
+    dev->type = link->type;
+    dev->offset = link->offset;
+    dev->length = link->type->kind == plcString ? (size_t)link->low : link->type->size;
+    dev->has = link->has;
+    dev->readback = link->readback;
+    dev->low = link->low;
+    dev->high = link->high;
+    if (support->prepare && support->prepare(prec, dev, link, error))
+        return -1;
+    if (checkPlace(dev->offset, dev->length, plcImageSize(dev->image), out ? "out" : "in",
+                   link->column.offset, error))
+        return -1;
+    if (link->has & plcHasR &&
+        checkPlace(link->readback, dev->length, plcStationInSize(dev->station), "in",
+                   link->column.R, error))
+        return -1;
+    if (dev->buffered)
+        dev->buffer = callocMustSucceed(1, dev->length, "S7plc buffer");
+    return 0;
+}
+
+static int resolve(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *error)
+{
+    const devSupport *support = supportOf(prec);
+    plcShape shape = support->shape;
+    size_t length = 0;
+    plcLink link;
+
+    if (plcLinkParse(text, &link, error))
+        return -1;
+    if (error->text[0])
+        devWarn(prec, "%s: %s", support->field, error->text);
+    if (findStation(dev, &link, error))
+        return -1;
+    if (support->direction == devStatus)
+        return support->prepare ? support->prepare(prec, dev, &link, error) : 0;
+    if (support->adapt && support->adapt(prec, &link, &shape, &length, error))
+        return -1;
+    if (plcLinkComplete(&link, &shape, length, error))
+        return -1;
+    return place(prec, dev, &link, error);
+}
+
+static void release(devRecord *dev)
+{
+    if (!dev)
+        return;
+    if (dev->shifted)
+        *dev->shifted = dev->unshifted;
+    free(dev->reason);
+    free(dev->buffer);
+    free(dev);
+}
+
+/* Binds the record to its place. A refused link leaves it with the reason and INVALID. */
+static void attach(dbCommon *prec)
+{
+    devRecord *dev = callocMustSucceed(1, sizeof(*dev), "S7plc record");
+    const char *text = linkText(prec);
+    plcLinkError error = {0, ""};
+
+    prec->dpvt = dev;
+    if (resolve(prec, dev, text, &error) == 0) {
+        return;
+    }
+    dev->station = NULL;
+    dev->reason = shortReason(&error);
+    printRefusal(prec, text, &error);
+    recGblSetSevrMsg(prec, LINK_ALARM, INVALID_ALARM, "%s", dev->reason);
+    recGblResetAlarms(prec);
+}
+
+/* --- Functions that Base calls ----------------------------------------------------------- */
+
+long devInitRecord(dbCommon *prec)
+{
+    attach(prec);
+    return supportOf(prec)->initStatus;
+}
+
+/* At iocInit Base calls this before init_record, which does the work then. Never refuses:
+ * Base would take the record out of service and forget that it was scanned by I/O Intr. */
+static long addRecord(dbCommon *prec)
+{
+    if (running)
+        attach(prec);
+    return 0;
+}
+
+static long delRecord(dbCommon *prec)
+{
+    release(prec->dpvt);
+    prec->dpvt = NULL;
+    return 0;
+}
+
+static dsxt extension = {addRecord, delRecord};
+
+long devInit(int after)
+{
+    running = after;
+    if (after)
+        return 0;
+    if (!neverScan)
+        scanIoInit(&neverScan);
+    devExtend(&extension);
+    return 0;
+}
+
+long devIointInfo(int leave, dbCommon *prec, IOSCANPVT *list)
+{
+    const devRecord *dev = prec->dpvt;
+
+    if (!dev || !dev->station) {
+        *list = neverScan;
+        return 0;
+    }
+    switch (supportOf(prec)->direction) {
+    case devIn:
+        *list = plcStationInScan(dev->station, dev->offset, dev->length, prec->prio, leave);
+        break;
+    case devOut:
+        *list = plcStationOutScan(dev->station, prec->prio, leave);
+        break;
+    default:
+        *list = plcStationStatusScan(dev->station, prec->prio, leave);
+        break;
+    }
+    return 0;
+}
+
+/* --- What several record types prepare --------------------------------------------------- */
+
+int devPrepareString(dbCommon *prec, devRecord *dev, const plcLink *link,
+                     plcLinkError *error)
+{
+    (void)prec, (void)link, (void)error;
+    dev->buffered = 1;
+    return 0;
+}
+
+int devPrepareMask(dbCommon *prec, devRecord *dev, epicsUInt32 *mask, unsigned nobt,
+                   unsigned shft)
+{
+    const char *works = supportOf(prec)->direction == devOut ? "writes nothing" : "reads 0";
+
+    dev->shifted = mask;
+    dev->unshifted = *mask;
+    if (*mask == 0 && nobt <= 32)
+        *mask = (epicsUInt32)(((epicsUInt64)1 << nobt) - 1);
+    if (*mask == 0)
+        devWarn(prec, "NOBT is 0: the record always %s. Set NOBT to its number of bits",
+                works);
+    *mask = shft < 32 ? *mask << shft : 0;
+    return 0;
+}
+
+/* --- Between image and record ------------------------------------------------------------ */
+
+void devStampNow(dbCommon *prec)
+{
+    if (prec->tse == epicsTimeEventDeviceTime)
+        epicsTimeGetCurrent(&prec->time);
+}
+
+devRecord *devOf(dbCommon *prec)
+{
+    devRecord *dev = prec->dpvt;
+
+    if (dev && dev->station)
+        return dev;
+    recGblSetSevrMsg(prec, LINK_ALARM, INVALID_ALARM, "%s",
+                     dev ? dev->reason : "no link to a PLC");
+    devStampNow(prec);
+    return NULL;
+}
+
+long devFetch(dbCommon *prec, void *bytes)
+{
+    const devRecord *dev = devOf(prec);
+    char reason[PLC_REASON_SIZE];
+
+    if (!dev)
+        return -1;
+    if (plcImageRead(dev->image, dev->offset, dev->length, bytes,
+                     prec->tse == epicsTimeEventDeviceTime ? &prec->time : NULL) == 0)
+        return 0;
+    plcImageReason(dev->image, reason);
+    recGblSetSevrMsg(prec, COMM_ALARM, INVALID_ALARM, "%s", reason);
+    devStampNow(prec);
+    return -1;
+}
+
+long devFetchInt(dbCommon *prec, epicsInt64 *value)
+{
+    const devRecord *dev = prec->dpvt;
+    epicsUInt8 bytes[DEV_SCALAR];
+
+    if (devFetch(prec, bytes))
+        return -1;
+    *value = plcGetInt(dev->type, bytes, dev->bigEndian);
+    return 0;
+}
+
+long devStore(dbCommon *prec, const void *bytes, size_t length, const void *mask)
+{
+    const devRecord *dev = devOf(prec);
+    char reason[PLC_REASON_SIZE];
+
+    if (!dev)
+        return -1;
+    devStampNow(prec);
+    reason[0] = 0;
+    if (plcStationWrite(dev->station, dev->offset, length, bytes, mask, reason))
+        return devRefuseWrite(prec, "%s", reason);
+    if (reason[0])
+        recGblSetSevrMsg(prec, COMM_ALARM, INVALID_ALARM, "%s", reason);
+    return 0;
+}
+
+long devStoreInt(dbCommon *prec, epicsInt64 value, epicsUInt64 mask)
+{
+    const devRecord *dev = devOf(prec);
+    epicsUInt8 bytes[DEV_SCALAR], bits[DEV_SCALAR];
+
+    if (!dev)
+        return -1;
+    plcPutInt(dev->type, bytes, dev->bigEndian, value);
+    if (mask == ~(epicsUInt64)0)
+        return devStore(prec, bytes, dev->length, NULL);
+    plcPutInt(dev->type, bits, dev->bigEndian, (epicsInt64)mask);
+    return devStore(prec, bytes, dev->length, bits);
+}
+
+long devRefuseWrite(dbCommon *prec, const char *format, ...)
+{
+    char text[PLC_REASON_SIZE];
+    va_list args;
+
+    va_start(args, format);
+    epicsVsnprintf(text, sizeof(text), format, args);
+    va_end(args);
+    /* The reason says more than the UDF alarm that an undefined VAL has raised. */
+    if (prec->nsta == UDF_ALARM)
+        prec->nsev = NO_ALARM;
+    recGblSetSevrMsg(prec, WRITE_ALARM, INVALID_ALARM, "%s", text);
+    return -1;
+}

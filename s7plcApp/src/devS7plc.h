@@ -1,0 +1,119 @@
+/* What the files of the device support share: one row per record type (devSupport), one
+ * structure per record (devRecord), and the few functions through which record adapters
+ * meet the images. Private to devS7plc*.c.
+ *
+ * Knows links, types, images and stations; a record's own fields are the business of the
+ * adapter of its record type.
+ *
+ * All functions run with the record locked (init, processing, put to a link) and block
+ * no longer than a copy of the record's bytes takes.
+ */
+#ifndef INC_devS7plc_H
+#define INC_devS7plc_H
+
+#include <stddef.h>
+
+#include <dbCommon.h>
+#include <devSup.h>
+#include <epicsTypes.h>
+
+#include "plcLink.h"
+#include "plcStation.h"
+
+#define DEV_SCALAR 8 /* bytes of the widest element */
+
+typedef enum {
+    devIn,    /* INP in the input block; I/O Intr: with each block */
+    devOut,   /* OUT in the output block; I/O Intr: each sendInterval */
+    devStatus /* no place in a block; I/O Intr: also when the connection comes or goes */
+} devDirection;
+
+/* What is kept for one record: its dpvt. */
+typedef struct devRecord {
+    plcStation *station; /* NULL: the link was refused */
+    char *reason;        /* why, in words for AMSG; NULL when the link is good */
+    plcImage *image;     /* input or output of the station */
+    const plcType *type; /* of one element */
+    size_t offset;       /* bytes from the start of the block */
+    size_t length;       /* bytes of the whole value */
+    int bigEndian;
+    unsigned has;        /* options that stood in the link: plcHasT | ... */
+    size_t readback;     /* R=: offset in the input block, when has & plcHasR */
+    epicsInt64 low;      /* L= and H= of integer types */
+    epicsInt64 high;
+    epicsUInt64 mask;    /* single bits (bi, bo): the bits of the element that are ours */
+    epicsUInt32 *shifted; /* MASK of a multibit record, which we have shifted by SHFT, */
+    epicsUInt32 unshifted; /* and what it was; NULL and 0 else */
+    int buffered;        /* prepare sets this: make a buffer */
+    epicsUInt8 *buffer;  /* strings, arrays: `length` bytes in wire order, else NULL */
+} devRecord;
+
+/* One row per record type. A dset (its head is all that Base sees), with what the generic
+ * code must know of the record type behind it. */
+typedef struct devSupport {
+    dset common;
+    long (*transfer)(dbCommon *prec);           /* read_xx or write_xx of the dset */
+    long (*linconv)(dbCommon *prec, int after); /* special_linconv of ai and ao, or NULL */
+    const char *dtyp;                           /* "S7plc" and */
+    const char *field;                          /* "INP" or "OUT", for messages */
+    devDirection direction;
+    plcShape shape;
+    long initStatus; /* what init_record returns: 2 = keep VAL, do not convert */
+    /* Adapts the shape to the fields of this record (FTVL of arrays) and sets the number of
+     * bytes of its own string. Returns 0 or -1 with *error. NULL: nothing to adapt. */
+    int (*adapt)(dbCommon *prec, const plcLink *link, plcShape *shape, size_t *length,
+                 plcLinkError *error);
+    /* Prepares record and dev (masks, slopes, length), once the link is complete.
+     * Returns 0 or -1 with *error. NULL: nothing to prepare. */
+    int (*prepare)(dbCommon *prec, devRecord *dev, const plcLink *link,
+                   plcLinkError *error);
+} devSupport;
+
+/* The head of every row. */
+#define DEV_DSET {6, NULL, devInit, devInitRecord, devIointInfo}
+
+/* Functions of the dset, the same for all record types. */
+long devInit(int after);
+long devInitRecord(dbCommon *prec);
+long devIointInfo(int leave, dbCommon *prec, IOSCANPVT *list);
+
+/* Fills *error. Returns -1, so that a refusal is one line. */
+int devFail(plcLinkError *error, size_t column, const char *format, ...)
+    EPICS_PRINTF_STYLE(3, 4);
+
+/* A one-line warning about the record; it works all the same. */
+void devWarn(dbCommon *prec, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
+
+/* prepare of the string records: they have a buffer. */
+int devPrepareString(dbCommon *prec, devRecord *dev, const plcLink *link,
+                     plcLinkError *error);
+
+/* prepare of the multibit records: moves MASK, NOBT bits, to its place at SHFT. It is
+ * moved back when the record leaves us. */
+int devPrepareMask(dbCommon *prec, devRecord *dev, epicsUInt32 *mask, unsigned nobt,
+                   unsigned shft);
+
+/* The dpvt of a record, when its link is good. Else NULL, and the alarm is raised. */
+devRecord *devOf(dbCommon *prec);
+
+/* Copies the record's bytes from the input image, in wire order, and sets its time with
+ * TSE=-2. Returns 0; or -1 when there is no valid data: the alarm is raised, the value must
+ * stay as it is, and the adapter returns -1 so that the record does not convert. */
+long devFetch(dbCommon *prec, void *bytes);
+
+/* Puts `length` bytes at the record's place into the output image, only the bits set in
+ * mask (NULL: all). Returns 0, perhaps with an alarm (PLC away, value kept), or -1 with an
+ * alarm (refused, nothing written). */
+long devStore(dbCommon *prec, const void *bytes, size_t length, const void *mask);
+
+/* The same for one integer: zero- or sign-extended to 64 bits; only the bits in mask. */
+long devFetchInt(dbCommon *prec, epicsInt64 *value);
+long devStoreInt(dbCommon *prec, epicsInt64 value, epicsUInt64 mask);
+
+/* Sets the time of a record with TSE=-2 that gets none from a block. */
+void devStampNow(dbCommon *prec);
+
+/* Refuses to write: WRITE_ALARM with these words. Returns -1. */
+long devRefuseWrite(dbCommon *prec, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
+
+#endif /* INC_devS7plc_H */

@@ -1,0 +1,211 @@
+/* Device support "S7plc": waveform, aai and aao. Their data type comes from FTVL; the way
+ * from the link to the bytes is in devS7plc.c.
+ *
+ * Copies between the block and the record's own array (BPTR), which Base has allocated.
+ */
+#include <string.h>
+
+#include <aaiRecord.h>
+#include <aaoRecord.h>
+#include <dbFldTypes.h>
+#include <epicsStdio.h>
+#include <menuFtype.h>
+#include <waveformRecord.h>
+
+#include "plcCompat.h"
+#include "devS7plc.h"
+
+#include <epicsExport.h> /* last */
+
+/* What FTVL allows: the integer or real type of its size; single bytes more than that. */
+static const struct {
+    const char *name;
+    unsigned kinds;
+    unsigned size;
+    const char *defaultType;
+} elementTypes[] = {
+    [menuFtypeCHAR] = {"CHAR", plcInteger | plcString | plcBcd, 1, "INT8"},
+    [menuFtypeUCHAR] = {"UCHAR", plcInteger | plcString | plcBcd, 1, "UINT8"},
+    [menuFtypeSHORT] = {"SHORT", plcInteger, 2, "INT16"},
+    [menuFtypeUSHORT] = {"USHORT", plcInteger, 2, "UINT16"},
+    [menuFtypeLONG] = {"LONG", plcInteger, 4, "INT32"},
+    [menuFtypeULONG] = {"ULONG", plcInteger, 4, "UINT32"},
+    [menuFtypeINT64] = {"INT64", plcInteger, 8, "INT64"},
+    [menuFtypeUINT64] = {"UINT64", plcInteger, 8, "UINT64"},
+    [menuFtypeFLOAT] = {"FLOAT", plcReal, 4, "REAL32"},
+    [menuFtypeDOUBLE] = {"DOUBLE", plcReal, 8, "REAL64"},
+    [menuFtypeENUM] = {"ENUM", plcInteger, 2, "UINT16"},
+};
+
+#define NUM_FTVL (sizeof(elementTypes) / sizeof(elementTypes[0]))
+
+/* The names of the types of these kinds and exactly this size. */
+static void listTypes(unsigned kinds, unsigned size, char *text, size_t room)
+{
+    const plcType *type;
+    size_t used = 0;
+
+    for (type = plcTypes; type->name && used < room; type++) {
+        if (type->kind & kinds && type->size == size)
+            used += (size_t)epicsSnprintf(text + used, room - used, "%s%s",
+                                          used ? " " : "", type->name);
+    }
+}
+
+/* Takes the type from FTVL where the link is silent, and refuses what does not go
+ * together. T=STRING: the whole array by default. */
+static int adaptArray(unsigned ftvl, size_t nelm, const plcLink *link, plcShape *shape,
+                      size_t *length, plcLinkError *error)
+{
+    const plcType *type = link->type;
+    char allowed[80];
+
+    if (ftvl >= NUM_FTVL || !elementTypes[ftvl].name)
+        return devFail(error, link->column.offset,
+                       "FTVL=STRING is not possible; allowed: FTVL=CHAR with T=STRING, "
+                       "numbers");
+    shape->kinds = elementTypes[ftvl].kinds;
+    shape->maxSize = elementTypes[ftvl].size;
+    shape->defaultType = elementTypes[ftvl].defaultType;
+    *length = nelm;
+    if (type && (!(type->kind & shape->kinds) || type->size != shape->maxSize)) {
+        listTypes(shape->kinds, shape->maxSize, allowed, sizeof(allowed));
+        return devFail(error, link->column.T, "T=%s does not fit FTVL=%s; allowed: %s",
+                       type->name, elementTypes[ftvl].name, allowed);
+    }
+    if (type && type->kind == plcString && link->has & plcHasL &&
+        link->low > (epicsInt64)nelm)
+        return devFail(error, link->column.L, "L=%lld exceeds NELM=%lu",
+                       (long long)link->low, (unsigned long)nelm);
+    return 0;
+}
+
+/* Elements whose bytes need work on the way to the record, or a whole block's worth of
+ * consistency on the way from it, go through a buffer. */
+static int prepareArray(devRecord *dev, size_t nelm)
+{
+    if (dev->type->kind != plcString)
+        dev->length = nelm * dev->type->size;
+    dev->buffered = 1;
+    return 0;
+}
+
+/* --- Reading ----------------------------------------------------------------------------- */
+
+/* Returns 0 and the array filled, or -1. */
+static long readArray(dbCommon *common, void *array)
+{
+    const devRecord *dev = devOf(common);
+
+    if (!dev || devFetch(common, dev->buffer))
+        return -1;
+    if (dev->type->kind == plcBcd)
+        plcBcdDecode(array, dev->buffer, dev->length);
+    else
+        plcCopyElements(array, dev->buffer, dev->type->size, dev->length / dev->type->size,
+                        dev->bigEndian);
+    common->udf = FALSE;
+    return 0;
+}
+
+static long readWaveform(dbCommon *common)
+{
+    waveformRecord *prec = (waveformRecord *)common;
+
+    if (readArray(common, prec->bptr))
+        return -1;
+    prec->nord = prec->nelm;
+    return 0;
+}
+
+static int adaptWaveform(dbCommon *common, const plcLink *link, plcShape *shape,
+                         size_t *length, plcLinkError *error)
+{
+    waveformRecord *prec = (waveformRecord *)common;
+
+    return adaptArray(prec->ftvl, prec->nelm, link, shape, length, error);
+}
+
+static int prepareWaveform(dbCommon *common, devRecord *dev, const plcLink *link,
+                           plcLinkError *error)
+{
+    (void)link, (void)error;
+    return prepareArray(dev, ((waveformRecord *)common)->nelm);
+}
+
+static long readAai(dbCommon *common)
+{
+    aaiRecord *prec = (aaiRecord *)common;
+
+    if (readArray(common, prec->bptr))
+        return -1;
+    prec->nord = prec->nelm;
+    return 0;
+}
+
+static int adaptAai(dbCommon *common, const plcLink *link, plcShape *shape, size_t *length,
+                    plcLinkError *error)
+{
+    aaiRecord *prec = (aaiRecord *)common;
+
+    return adaptArray(prec->ftvl, prec->nelm, link, shape, length, error);
+}
+
+static int prepareAai(dbCommon *common, devRecord *dev, const plcLink *link,
+                      plcLinkError *error)
+{
+    (void)link, (void)error;
+    return prepareArray(dev, ((aaiRecord *)common)->nelm);
+}
+
+/* --- Writing ----------------------------------------------------------------------------- */
+
+/* Writes the elements that are in the array (NORD); what is behind them in the block stays. */
+static long writeAao(dbCommon *common)
+{
+    aaoRecord *prec = (aaoRecord *)common;
+    const devRecord *dev = devOf(common);
+    size_t length;
+
+    if (!dev)
+        return -1;
+    length = (size_t)prec->nord * dev->type->size;
+    if (length > dev->length)
+        length = dev->length;
+    if (dev->type->kind == plcBcd)
+        plcBcdEncode(dev->buffer, prec->bptr, length);
+    else
+        plcCopyElements(dev->buffer, prec->bptr, dev->type->size, length / dev->type->size,
+                        dev->bigEndian);
+    return devStore(common, dev->buffer, length, NULL);
+}
+
+static int adaptAao(dbCommon *common, const plcLink *link, plcShape *shape, size_t *length,
+                    plcLinkError *error)
+{
+    aaoRecord *prec = (aaoRecord *)common;
+
+    return adaptArray(prec->ftvl, prec->nelm, link, shape, length, error);
+}
+
+static int prepareAao(dbCommon *common, devRecord *dev, const plcLink *link,
+                      plcLinkError *error)
+{
+    (void)link, (void)error;
+    return prepareArray(dev, ((aaoRecord *)common)->nelm);
+}
+
+/* --- The rows: adapt fills in what the shape allows ---------------------------------------- */
+
+/* clang-format off */
+const devSupport devS7plcWaveform = {DEV_DSET, readWaveform, NULL, "S7plc", "INP", devIn,
+    {"waveform", 0, 0, plcHasL, NULL}, 0, adaptWaveform, prepareWaveform};
+const devSupport devS7plcAai = {DEV_DSET, readAai, NULL, "S7plc", "INP", devIn,
+    {"aai", 0, 0, plcHasL, NULL}, 0, adaptAai, prepareAai};
+const devSupport devS7plcAao = {DEV_DSET, writeAao, NULL, "S7plc", "OUT", devOut,
+    {"aao", 0, 0, plcHasL | plcHasR, NULL}, 0, adaptAao, prepareAao};
+/* clang-format on */
+
+epicsExportAddress(dset, devS7plcWaveform);
+epicsExportAddress(dset, devS7plcAai);
+epicsExportAddress(dset, devS7plcAao);

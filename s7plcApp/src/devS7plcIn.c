@@ -1,0 +1,278 @@
+/* Device support "S7plc": the input records but arrays. One adapter and one row per record
+ * type; the way from the link to the bytes is in devS7plc.c.
+ */
+#include <math.h>
+#include <string.h>
+
+#include <aiRecord.h>
+#include <alarm.h>
+#include <biRecord.h>
+#include <cvtTable.h>
+#include <epicsMath.h>
+#include <int64inRecord.h>
+#include <longinRecord.h>
+#include <lsiRecord.h>
+#include <mbbiDirectRecord.h>
+#include <mbbiRecord.h>
+#include <menuConvert.h>
+#include <stringinRecord.h>
+
+#include "plcCompat.h"
+#include "devS7plc.h"
+
+#include <epicsExport.h> /* last */
+
+#define INT32_HIGHEST 0x7FFFFFFF
+
+/* --- ai ---------------------------------------------------------------------------------- */
+
+/* Sets ESLO and EOFF so that L..H become EGUL..EGUF. Float types are not converted. */
+static long linconvAi(dbCommon *common, int after)
+{
+    aiRecord *prec = (aiRecord *)common;
+    const devRecord *dev = common->dpvt;
+    double span;
+
+    if (!after || !dev || !dev->station || !(dev->type->kind & plcInteger))
+        return 0;
+    span = (double)dev->high - (double)dev->low;
+    prec->eslo = (prec->eguf - prec->egul) / span;
+    prec->eoff = (dev->high * prec->egul - dev->low * prec->eguf) / span;
+    return 0;
+}
+
+static int prepareAi(dbCommon *common, devRecord *dev, const plcLink *link,
+                     plcLinkError *error)
+{
+    (void)dev, (void)link, (void)error;
+    if (((aiRecord *)common)->linr == menuConvertLINEAR)
+        linconvAi(common, 1);
+    return 0;
+}
+
+/* The smoothing filter of the ai record, for values that do not go through RVAL. */
+static void smoothAi(aiRecord *prec, double value)
+{
+    if (prec->smoo != 0.0 && finite(prec->val) && !prec->init)
+        value = value * (1.0 - prec->smoo) + prec->val * prec->smoo;
+    prec->val = value;
+}
+
+/* The conversion of the ai record, in double from the start: RVAL has but 31 bits for a
+ * UINT32. */
+static void convertAi(aiRecord *prec, double value)
+{
+    value += prec->roff;
+    if (prec->aslo != 0.0)
+        value *= prec->aslo;
+    value += prec->aoff;
+    if (prec->linr == menuConvertLINEAR || prec->linr == menuConvertSLOPE)
+        value = value * prec->eslo + prec->eoff;
+    else if (prec->linr != menuConvertNO_CONVERSION &&
+             cvtRawToEngBpt(&value, prec->linr, prec->init, (void *)&prec->pbrk,
+                            &prec->lbrk) != 0)
+        recGblSetSevrMsg(prec, SOFT_ALARM, MAJOR_ALARM, "BPT Error");
+    smoothAi(prec, value);
+}
+
+static long readAiReal(aiRecord *prec, double value)
+{
+    if (prec->aslo != 0.0)
+        value *= prec->aslo;
+    smoothAi(prec, value + prec->aoff);
+    return 2;
+}
+
+static long readAi(dbCommon *common)
+{
+    aiRecord *prec = (aiRecord *)common;
+    const devRecord *dev = common->dpvt;
+    epicsUInt8 bytes[DEV_SCALAR];
+    epicsInt64 raw;
+
+    if (devFetch(common, bytes))
+        return -1;
+    if (dev->type->kind == plcReal)
+        return readAiReal(prec, plcGetReal(dev->type, bytes, dev->bigEndian));
+    raw = plcGetInt(dev->type, bytes, dev->bigEndian);
+    prec->rval = (epicsInt32)raw;
+    if (raw <= INT32_HIGHEST)
+        return 0;
+    convertAi(prec, (double)raw);
+    return 2;
+}
+
+/* --- Bits -------------------------------------------------------------------------------- */
+
+/* bi: RVAL shows the bit in its place; a bit above 31 has no place there and shows as 1. */
+static long readBi(dbCommon *common)
+{
+    biRecord *prec = (biRecord *)common;
+    const devRecord *dev = common->dpvt;
+    epicsInt64 raw;
+
+    if (devFetchInt(common, &raw))
+        return -1;
+    prec->rval = prec->mask ? (epicsUInt32)raw & prec->mask : (raw & dev->mask) != 0;
+    return 0;
+}
+
+static int prepareBi(dbCommon *common, devRecord *dev, const plcLink *link,
+                     plcLinkError *error)
+{
+    (void)error;
+    dev->mask = (epicsUInt64)1 << link->bit;
+    ((biRecord *)common)->mask = (epicsUInt32)dev->mask;
+    return 0;
+}
+
+static long readMbbi(dbCommon *common)
+{
+    mbbiRecord *prec = (mbbiRecord *)common;
+    epicsInt64 raw;
+
+    if (devFetchInt(common, &raw))
+        return -1;
+    prec->rval = (epicsUInt32)raw & prec->mask;
+    return 0;
+}
+
+static int prepareMbbi(dbCommon *common, devRecord *dev, const plcLink *link,
+                       plcLinkError *error)
+{
+    mbbiRecord *prec = (mbbiRecord *)common;
+
+    (void)link, (void)error;
+    return devPrepareMask(common, dev, &prec->mask, prec->nobt, prec->shft);
+}
+
+static long readMbbiDirect(dbCommon *common)
+{
+    mbbiDirectRecord *prec = (mbbiDirectRecord *)common;
+    epicsInt64 raw;
+
+    if (devFetchInt(common, &raw))
+        return -1;
+    prec->rval = (epicsUInt32)raw & prec->mask;
+    return 0;
+}
+
+static int prepareMbbiDirect(dbCommon *common, devRecord *dev, const plcLink *link,
+                             plcLinkError *error)
+{
+    mbbiDirectRecord *prec = (mbbiDirectRecord *)common;
+
+    (void)link, (void)error;
+    return devPrepareMask(common, dev, &prec->mask, prec->nobt, prec->shft);
+}
+
+/* --- Integers ---------------------------------------------------------------------------- */
+
+/* longin: a UINT32 above 2147483647 shows as negative, VAL has no more bits. */
+static long readLongin(dbCommon *common)
+{
+    epicsInt64 raw;
+
+    if (devFetchInt(common, &raw))
+        return -1;
+    ((longinRecord *)common)->val = (epicsInt32)raw;
+    return 0;
+}
+
+static long readInt64in(dbCommon *common)
+{
+    epicsInt64 raw;
+
+    if (devFetchInt(common, &raw))
+        return -1;
+    ((int64inRecord *)common)->val = raw;
+    return 0;
+}
+
+/* --- Strings ----------------------------------------------------------------------------- */
+
+/* Copies the PLC's bytes up to the first NUL into a string of `size` bytes, terminated.
+ * Returns its length without the terminator. */
+static size_t copyString(char *dst, size_t size, const devRecord *dev)
+{
+    size_t max = dev->length < size ? dev->length : size - 1;
+    const void *nul = memchr(dev->buffer, 0, max);
+    size_t length = nul ? (size_t)((const epicsUInt8 *)nul - dev->buffer) : max;
+
+    memcpy(dst, dev->buffer, length);
+    dst[length] = 0;
+    return length;
+}
+
+static long readStringin(dbCommon *common)
+{
+    stringinRecord *prec = (stringinRecord *)common;
+    const devRecord *dev = devOf(common);
+
+    if (!dev || devFetch(common, dev->buffer))
+        return -1;
+    copyString(prec->val, sizeof(prec->val), dev);
+    prec->udf = FALSE;
+    return 0;
+}
+
+static int adaptStringin(dbCommon *common, const plcLink *link, plcShape *shape,
+                         size_t *length, plcLinkError *error)
+{
+    (void)link, (void)shape, (void)error;
+    *length = sizeof(((stringinRecord *)common)->val);
+    return 0;
+}
+
+/* LEN counts the terminator. */
+static long readLsi(dbCommon *common)
+{
+    lsiRecord *prec = (lsiRecord *)common;
+    const devRecord *dev = devOf(common);
+
+    if (!dev || devFetch(common, dev->buffer))
+        return -1;
+    prec->len = (epicsUInt32)copyString(prec->val, prec->sizv, dev) + 1;
+    prec->udf = FALSE;
+    return 0;
+}
+
+static int adaptLsi(dbCommon *common, const plcLink *link, plcShape *shape, size_t *length,
+                    plcLinkError *error)
+{
+    (void)link, (void)shape, (void)error;
+    *length = ((lsiRecord *)common)->sizv;
+    return 0;
+}
+
+/* --- The rows ---------------------------------------------------------------------------- */
+
+#define ANALOG (plcInteger | plcReal)
+
+/* clang-format off */
+const devSupport devS7plcAi = {DEV_DSET, readAi, linconvAi, "S7plc", "INP", devIn,
+    {"ai", ANALOG, 4, plcHasL | plcHasH, "INT16"}, 0, NULL, prepareAi};
+const devSupport devS7plcBi = {DEV_DSET, readBi, NULL, "S7plc", "INP", devIn,
+    {"bi", plcInteger, 8, plcHasB, "INT16"}, 0, NULL, prepareBi};
+const devSupport devS7plcMbbi = {DEV_DSET, readMbbi, NULL, "S7plc", "INP", devIn,
+    {"mbbi", plcInteger, 4, 0, "INT16"}, 0, NULL, prepareMbbi};
+const devSupport devS7plcMbbiDirect = {DEV_DSET, readMbbiDirect, NULL, "S7plc", "INP", devIn,
+    {"mbbiDirect", plcInteger, 4, 0, "INT16"}, 0, NULL, prepareMbbiDirect};
+const devSupport devS7plcLongin = {DEV_DSET, readLongin, NULL, "S7plc", "INP", devIn,
+    {"longin", plcInteger, 4, 0, "INT16"}, 0, NULL, NULL};
+const devSupport devS7plcInt64in = {DEV_DSET, readInt64in, NULL, "S7plc", "INP", devIn,
+    {"int64in", plcInteger, 8, 0, "INT16"}, 0, NULL, NULL};
+const devSupport devS7plcStringin = {DEV_DSET, readStringin, NULL, "S7plc", "INP", devIn,
+    {"stringin", plcString, 1, plcHasL, "STRING"}, 0, adaptStringin, devPrepareString};
+const devSupport devS7plcLsi = {DEV_DSET, readLsi, NULL, "S7plc", "INP", devIn,
+    {"lsi", plcString, 1, plcHasL, "STRING"}, 0, adaptLsi, devPrepareString};
+/* clang-format on */
+
+epicsExportAddress(dset, devS7plcAi);
+epicsExportAddress(dset, devS7plcBi);
+epicsExportAddress(dset, devS7plcMbbi);
+epicsExportAddress(dset, devS7plcMbbiDirect);
+epicsExportAddress(dset, devS7plcLongin);
+epicsExportAddress(dset, devS7plcInt64in);
+epicsExportAddress(dset, devS7plcStringin);
+epicsExportAddress(dset, devS7plcLsi);

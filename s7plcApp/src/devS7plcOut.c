@@ -1,0 +1,278 @@
+/* Device support "S7plc": the output records but arrays. One adapter and one row per
+ * record type; the way from the link to the bytes is in devS7plc.c.
+ *
+ * No init touches VAL (autosave has set it), nor the output image.
+ */
+#include <math.h>
+#include <string.h>
+
+#include <alarm.h>
+#include <aoRecord.h>
+#include <boRecord.h>
+#include <calcoutRecord.h>
+#include <cvtTable.h>
+#include <epicsMath.h>
+#include <int64outRecord.h>
+#include <longoutRecord.h>
+#include <lsoRecord.h>
+#include <mbboDirectRecord.h>
+#include <mbboRecord.h>
+#include <menuConvert.h>
+#include <stringoutRecord.h>
+
+#include "plcCompat.h"
+#include "devS7plc.h"
+
+#include <epicsExport.h> /* last */
+
+#define ALL_BITS (~(epicsUInt64)0)
+#define INT32_HIGHEST 0x7FFFFFFF
+
+/* --- ao and calcout ---------------------------------------------------------------------- */
+
+/* Sets ESLO and EOFF so that EGUL..EGUF become L..H. Float types are not converted. */
+static long linconvAo(dbCommon *common, int after)
+{
+    aoRecord *prec = (aoRecord *)common;
+    const devRecord *dev = common->dpvt;
+    double span;
+
+    if (!after || !dev || !dev->station || !(dev->type->kind & plcInteger))
+        return 0;
+    span = (double)dev->high - (double)dev->low;
+    prec->eslo = (prec->eguf - prec->egul) / span;
+    prec->eoff = (dev->high * prec->egul - dev->low * prec->eguf) / span;
+    return 0;
+}
+
+static int prepareAo(dbCommon *common, devRecord *dev, const plcLink *link,
+                     plcLinkError *error)
+{
+    (void)dev, (void)link, (void)error;
+    if (((aoRecord *)common)->linr == menuConvertLINEAR)
+        linconvAo(common, 1);
+    return 0;
+}
+
+static epicsInt64 clip(const devRecord *dev, double value)
+{
+    if (value <= (double)dev->low)
+        return dev->low;
+    if (value >= (double)dev->high)
+        return dev->high;
+    return (epicsInt64)value;
+}
+
+/* The conversion of the ao record, in double to the end: RVAL has but 31 bits for a
+ * UINT32. */
+static double convertAo(aoRecord *prec)
+{
+    double value = prec->oval;
+
+    if (prec->linr == menuConvertLINEAR || prec->linr == menuConvertSLOPE)
+        value = prec->eslo == 0.0 ? 0.0 : (value - prec->eoff) / prec->eslo;
+    else if (prec->linr != menuConvertNO_CONVERSION &&
+             cvtEngToRawBpt(&value, prec->linr, prec->init, (void *)&prec->pbrk,
+                            &prec->lbrk) != 0)
+        return prec->rval;
+    value -= prec->aoff;
+    if (prec->aslo != 0.0)
+        value /= prec->aslo;
+    return floor(value - prec->roff + 0.5);
+}
+
+static long storeReal(dbCommon *common, double value)
+{
+    const devRecord *dev = common->dpvt;
+    epicsUInt8 bytes[DEV_SCALAR];
+
+    plcPutReal(dev->type, bytes, dev->bigEndian, value);
+    return devStore(common, bytes, dev->length, NULL);
+}
+
+static long writeAo(dbCommon *common)
+{
+    aoRecord *prec = (aoRecord *)common;
+    const devRecord *dev = devOf(common);
+
+    if (!dev)
+        return -1;
+    if (dev->type->kind == plcReal) {
+        double value = prec->oval - prec->aoff;
+
+        return storeReal(common, prec->aslo != 0.0 ? value / prec->aslo : value);
+    }
+    if (isnan(prec->oval))
+        return devRefuseWrite(common, "NaN does not fit %s", dev->type->name);
+    if (dev->high > INT32_HIGHEST && prec->rval == INT32_HIGHEST)
+        return devStoreInt(common, clip(dev, convertAo(prec)), ALL_BITS);
+    return devStoreInt(common, clip(dev, prec->rval), ALL_BITS);
+}
+
+/* Whole numbers: what is behind the point is cut off. */
+static long writeCalcout(dbCommon *common)
+{
+    double value = ((calcoutRecord *)common)->oval;
+    const devRecord *dev = devOf(common);
+
+    if (!dev)
+        return -1;
+    if (dev->type->kind == plcReal)
+        return storeReal(common, value);
+    if (isnan(value))
+        return devRefuseWrite(common, "NaN does not fit %s", dev->type->name);
+    return devStoreInt(common, clip(dev, value), ALL_BITS);
+}
+
+/* --- Bits: the others in the same place stay as they are ---------------------------------- */
+
+static long writeBo(dbCommon *common)
+{
+    const devRecord *dev = devOf(common);
+
+    if (!dev)
+        return -1;
+    return devStoreInt(common, ((boRecord *)common)->rval ? (epicsInt64)dev->mask : 0,
+                       dev->mask);
+}
+
+/* MASK of the record is 0 for a bit above 31: then RVAL is 0 or 1. */
+static int prepareBo(dbCommon *common, devRecord *dev, const plcLink *link,
+                     plcLinkError *error)
+{
+    (void)error;
+    dev->mask = (epicsUInt64)1 << link->bit;
+    ((boRecord *)common)->mask = (epicsUInt32)dev->mask;
+    return 0;
+}
+
+static long writeMbbo(dbCommon *common)
+{
+    mbboRecord *prec = (mbboRecord *)common;
+
+    return devStoreInt(common, prec->rval, prec->mask);
+}
+
+static int prepareMbbo(dbCommon *common, devRecord *dev, const plcLink *link,
+                       plcLinkError *error)
+{
+    mbboRecord *prec = (mbboRecord *)common;
+
+    (void)link, (void)error;
+    return devPrepareMask(common, dev, &prec->mask, prec->nobt, prec->shft);
+}
+
+static long writeMbboDirect(dbCommon *common)
+{
+    mbboDirectRecord *prec = (mbboDirectRecord *)common;
+
+    return devStoreInt(common, prec->rval, prec->mask);
+}
+
+static int prepareMbboDirect(dbCommon *common, devRecord *dev, const plcLink *link,
+                             plcLinkError *error)
+{
+    mbboDirectRecord *prec = (mbboDirectRecord *)common;
+
+    (void)link, (void)error;
+    return devPrepareMask(common, dev, &prec->mask, prec->nobt, prec->shft);
+}
+
+/* --- Integers: the low bytes are written, modulo 2^n --------------------------------------- */
+
+static long writeLongout(dbCommon *common)
+{
+    return devStoreInt(common, ((longoutRecord *)common)->val, ALL_BITS);
+}
+
+static long writeInt64out(dbCommon *common)
+{
+    return devStoreInt(common, ((int64outRecord *)common)->val, ALL_BITS);
+}
+
+/* --- Strings ----------------------------------------------------------------------------- */
+
+/* Writes L bytes: the string, cut off or filled up with NULs. `size` bytes are the
+ * string's own. */
+static long storeString(dbCommon *common, const char *text, size_t size)
+{
+    const devRecord *dev = devOf(common);
+    const char *nul;
+    size_t length;
+
+    if (!dev)
+        return -1;
+    nul = memchr(text, 0, size);
+    length = nul ? (size_t)(nul - text) : size;
+    if (length > dev->length)
+        length = dev->length;
+    memcpy(dev->buffer, text, length);
+    memset(dev->buffer + length, 0, dev->length - length);
+    return devStore(common, dev->buffer, dev->length, NULL);
+}
+
+static long writeStringout(dbCommon *common)
+{
+    stringoutRecord *prec = (stringoutRecord *)common;
+
+    return storeString(common, prec->val, sizeof(prec->val));
+}
+
+static int adaptStringout(dbCommon *common, const plcLink *link, plcShape *shape,
+                          size_t *length, plcLinkError *error)
+{
+    (void)link, (void)shape, (void)error;
+    *length = sizeof(((stringoutRecord *)common)->val);
+    return 0;
+}
+
+static long writeLso(dbCommon *common)
+{
+    lsoRecord *prec = (lsoRecord *)common;
+
+    return storeString(common, prec->val, prec->sizv);
+}
+
+static int adaptLso(dbCommon *common, const plcLink *link, plcShape *shape, size_t *length,
+                    plcLinkError *error)
+{
+    (void)link, (void)shape, (void)error;
+    *length = ((lsoRecord *)common)->sizv;
+    return 0;
+}
+
+/* --- The rows ---------------------------------------------------------------------------- */
+
+#define ANALOG (plcInteger | plcReal)
+
+/* clang-format off */
+const devSupport devS7plcAo = {DEV_DSET, writeAo, linconvAo, "S7plc", "OUT", devOut,
+    {"ao", ANALOG, 4, plcHasL | plcHasH | plcHasR, "INT16"}, 2, NULL, prepareAo};
+const devSupport devS7plcCalcout = {DEV_DSET, writeCalcout, NULL, "S7plc", "OUT", devOut,
+    {"calcout", ANALOG, 4, plcHasL | plcHasH | plcHasR, "INT16"}, 0, NULL, NULL};
+const devSupport devS7plcBo = {DEV_DSET, writeBo, NULL, "S7plc", "OUT", devOut,
+    {"bo", plcInteger, 8, plcHasB | plcHasR, "INT16"}, 2, NULL, prepareBo};
+const devSupport devS7plcMbbo = {DEV_DSET, writeMbbo, NULL, "S7plc", "OUT", devOut,
+    {"mbbo", plcInteger, 4, plcHasR, "INT16"}, 2, NULL, prepareMbbo};
+const devSupport devS7plcMbboDirect = {DEV_DSET, writeMbboDirect, NULL, "S7plc", "OUT", devOut,
+    {"mbboDirect", plcInteger, 4, plcHasR, "INT16"}, 2, NULL, prepareMbboDirect};
+const devSupport devS7plcLongout = {DEV_DSET, writeLongout, NULL, "S7plc", "OUT", devOut,
+    {"longout", plcInteger, 4, plcHasR, "INT16"}, 0, NULL, NULL};
+const devSupport devS7plcInt64out = {DEV_DSET, writeInt64out, NULL, "S7plc", "OUT", devOut,
+    {"int64out", plcInteger, 8, plcHasR, "INT16"}, 0, NULL, NULL};
+const devSupport devS7plcStringout = {DEV_DSET, writeStringout, NULL, "S7plc", "OUT", devOut,
+    {"stringout", plcString, 1, plcHasL | plcHasR, "STRING"}, 0, adaptStringout,
+    devPrepareString};
+const devSupport devS7plcLso = {DEV_DSET, writeLso, NULL, "S7plc", "OUT", devOut,
+    {"lso", plcString, 1, plcHasL | plcHasR, "STRING"}, 0, adaptLso, devPrepareString};
+/* clang-format on */
+
+epicsExportAddress(dset, devS7plcAo);
+epicsExportAddress(dset, devS7plcCalcout);
+epicsExportAddress(dset, devS7plcBo);
+epicsExportAddress(dset, devS7plcMbbo);
+epicsExportAddress(dset, devS7plcMbboDirect);
+epicsExportAddress(dset, devS7plcLongout);
+epicsExportAddress(dset, devS7plcInt64out);
+epicsExportAddress(dset, devS7plcStringout);
+epicsExportAddress(dset, devS7plcLso);
