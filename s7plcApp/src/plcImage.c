@@ -1,7 +1,8 @@
 /* An image: the bytes of one block between record threads and the station's thread.
  *
  * Knows nothing of sockets, records or types. One mutex guards all of an image; it is held
- * for a copy of at most the block and for nothing else.
+ * for a copy of at most the block and for nothing else. A new input block is copied before
+ * the lock is taken.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -15,7 +16,8 @@
 struct plcImage {
     epicsMutexId lock;
     size_t size;
-    epicsUInt8 *bytes;
+    epicsUInt8 *bytes; /* what others see */
+    epicsUInt8 *spare; /* the block before, or the next one; the publisher's own */
     epicsTimeStamp stamp;
     int valid;
     int dirty;
@@ -29,6 +31,7 @@ plcImage *plcImageCreate(size_t size)
     image->lock = epicsMutexMustCreate();
     image->size = size;
     image->bytes = callocMustSucceed(1, size ? size : 1, "plcImageCreate");
+    image->spare = callocMustSucceed(1, size ? size : 1, "plcImageCreate");
     strcpy(image->reason, "not connected yet");
     return image;
 }
@@ -39,6 +42,7 @@ void plcImageDestroy(plcImage *image)
         return;
     epicsMutexDestroy(image->lock);
     free(image->bytes);
+    free(image->spare);
     free(image);
 }
 
@@ -72,13 +76,22 @@ void plcImageReason(plcImage *image, char reason[PLC_REASON_SIZE])
 
 void plcImagePublish(plcImage *image, const void *block, const epicsTimeStamp *stamp)
 {
-    epicsMutexMustLock(image->lock);
+    epicsUInt8 *fresh = image->spare;
+
     if (image->size)
-        memcpy(image->bytes, block, image->size);
+        memcpy(fresh, block, image->size);
+    epicsMutexMustLock(image->lock);
+    image->spare = image->bytes;
+    image->bytes = fresh;
     image->stamp = *stamp;
     image->valid = 1;
     image->reason[0] = 0;
     epicsMutexUnlock(image->lock);
+}
+
+const void *plcImageBytes(const plcImage *image)
+{
+    return image->bytes;
 }
 
 void plcImageInvalidate(plcImage *image, const char *reason)

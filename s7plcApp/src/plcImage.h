@@ -34,8 +34,12 @@ int plcImageRead(plcImage *image, size_t offset, size_t length, void *dst,
 /* Why the image is not valid, in words for AMSG; "" when it is valid. */
 void plcImageReason(plcImage *image, char reason[PLC_REASON_SIZE]);
 
-/* A whole new block: the image is valid from now on. */
+/* A whole new block: the image is valid from now on. Only one thread publishes. */
 void plcImagePublish(plcImage *image, const void *block, const epicsTimeStamp *stamp);
+
+/* The bytes as they stand, for the thread that publishes, and for no other. They stay
+ * unchanged until the publish after the next one: to compare a block with the one before. */
+const void *plcImageBytes(const plcImage *image);
 
 /* No data any more, or a better reason why not. */
 void plcImageInvalidate(plcImage *image, const char *reason);

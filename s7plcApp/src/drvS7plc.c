@@ -1,0 +1,322 @@
+/* The face of the driver towards EPICS: driver entry, iocsh commands, and the C functions
+ * of drvS7plc.h. What they do is in plcStation. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <drvSup.h>
+#include <epicsExit.h>
+#include <epicsStdio.h>
+#include <epicsStdlib.h>
+#include <epicsString.h>
+#include <errlog.h>
+#include <initHooks.h>
+#include <iocsh.h>
+
+#include "drvS7plc.h"
+#include "plcConfigure.h"
+#include "plcOptions.h"
+#include "plcStation.h"
+
+#include <epicsExport.h>
+
+int s7plcDebug = 0;
+
+/* --- C functions ------------------------------------------------------------------------*/
+
+s7plcStation *s7plcOpen(char *PLCname)
+{
+    return PLCname ? plcStationFind(PLCname) : NULL;
+}
+
+/* True when the elements lie in a block of `size` bytes. */
+static int fits(size_t size, size_t offset, size_t dlen, size_t nelem)
+{
+    return (dlen == 1 || dlen == 2 || dlen == 4 || dlen == 8) && offset <= size &&
+           nelem <= (size - offset) / dlen;
+}
+
+int s7plcReadArray(s7plcStation *station, unsigned int offset, unsigned int dlen,
+                   unsigned int nelem, void *pdata)
+{
+    size_t length = (size_t)dlen * nelem;
+    char *bytes;
+    int status;
+
+    if (!station || !fits(plcStationInSize(station), offset, dlen, nelem))
+        return S7PLC_BAD_PARAM;
+    bytes = malloc(length + 1);
+    if (!bytes)
+        return S7PLC_BAD_PARAM;
+    status = plcImageRead(plcStationInput(station), offset, length, bytes, NULL);
+    if (status == 0)
+        plcCopyElements(pdata, bytes, dlen, nelem, plcStationBigEndian(station));
+    free(bytes);
+    return status ? S7PLC_NO_CONN : S7PLC_OK;
+}
+
+int s7plcWriteMaskedArray(s7plcStation *station, unsigned int offset, unsigned int dlen,
+                          unsigned int nelem, void *pdata, void *pmask)
+{
+    size_t length = (size_t)dlen * nelem;
+    char reason[PLC_REASON_SIZE];
+    char *bytes, *mask = NULL;
+    unsigned int i;
+    int status;
+
+    if (!station || !fits(plcStationOutSize(station), offset, dlen, nelem))
+        return S7PLC_BAD_PARAM;
+    bytes = malloc(2 * length + 1);
+    if (!bytes)
+        return S7PLC_BAD_PARAM;
+    plcCopyElements(bytes, pdata, dlen, nelem, plcStationBigEndian(station));
+    if (pmask) {
+        mask = bytes + length;
+        for (i = 0; i < nelem; i++)
+            plcCopyElements(mask + i * dlen, pmask, dlen, 1,
+                            plcStationBigEndian(station));
+    }
+    status = plcStationWrite(station, offset, length, bytes, mask, reason);
+    free(bytes);
+    return status ? S7PLC_REFUSED : reason[0] ? S7PLC_NO_CONN : S7PLC_OK;
+}
+
+IOSCANPVT s7plcGetInScanPvt(s7plcStation *station)
+{
+    return plcStationInScan(station, 0, plcStationInSize(station), 0, 0);
+}
+
+IOSCANPVT s7plcGetOutScanPvt(s7plcStation *station)
+{
+    return plcStationOutScan(station, 0, 0);
+}
+
+int s7plcConfigure(char *PLCname, char *IPaddr, unsigned int port, unsigned int inSize,
+                   unsigned int outSize, unsigned int bigEndian,
+                   unsigned int recvTimeout, unsigned int sendInterval)
+{
+    char numbers[6][12];
+    const unsigned int values[6] = {port, inSize, outSize, bigEndian, recvTimeout,
+                                    sendInterval};
+    const char *args[8] = {PLCname, IPaddr};
+    int i;
+
+    for (i = 0; i < 6; i++) {
+        sprintf(numbers[i], "%d", (int)values[i]);
+        args[i + 2] = numbers[i];
+    }
+    return plcConfigure("s7plcConfigure", args, &plcSingle, NULL) ? 0 : -1;
+}
+
+/* --- iocsh ------------------------------------------------------------------------------*/
+
+/* Numbers are strings here, so that a missing or mistyped one gets a message of ours. */
+static const iocshArg configureArg0 = {"PLCname", iocshArgString};
+static const iocshArg configureArg1 = {"IPaddr", iocshArgString};
+static const iocshArg configureArg2 = {"port", iocshArgString};
+static const iocshArg configureArg3 = {"inSize [bytes]", iocshArgString};
+static const iocshArg configureArg4 = {"outSize [bytes]", iocshArgString};
+static const iocshArg configureArg5 = {"bigEndian [0|1]", iocshArgString};
+static const iocshArg configureArg6 = {"recvTimeout [ms]", iocshArgString};
+static const iocshArg configureArg7 = {"sendInterval [ms]", iocshArgString};
+static const iocshArg *const configureArgs[] = {
+    &configureArg0, &configureArg1, &configureArg2, &configureArg3,
+    &configureArg4, &configureArg5, &configureArg6, &configureArg7};
+
+static void configureCall(const iocshArgBuf *args)
+{
+    const char *text[8];
+    int i;
+
+    for (i = 0; i < 8; i++)
+        text[i] = args[i].sval;
+    plcConfigure("s7plcConfigure", text, &plcSingle, NULL);
+}
+
+static const iocshArg stationArg = {"PLCname (none: all)", iocshArgString};
+static const iocshArg keyArg = {"option", iocshArgString};
+static const iocshArg valueArg = {"value", iocshArgString};
+static const iocshArg levelArg = {"level", iocshArgInt};
+
+/* The station a command is about. Returns NULL after an error line. */
+static plcStation *needStation(const char *command, const char *name)
+{
+    plcStation *station = name ? plcStationFind(name) : NULL;
+    char names[400];
+
+    if (!station) {
+        plcStationNames(names, sizeof(names));
+        fprintf(stderr, "%s: no PLC \"%s\"; configured: %s\n", command, name ? name : "",
+                names[0] ? names : "none");
+    }
+    return station;
+}
+
+static const iocshArg *const optionArgs[] = {&stationArg, &keyArg, &valueArg};
+
+static void optionCall(const iocshArgBuf *args)
+{
+    const char *name = args[0].sval, *key = args[1].sval, *value = args[2].sval;
+    plcStation *station;
+    char error[400];
+
+    if (!name) {
+        printf("Options of a PLC, their defaults, and what they do:\n");
+        plcOptionsPrint(NULL, stdout);
+        return;
+    }
+    station = needStation("s7plcSetOption", name);
+    if (!station)
+        return;
+    if (!key) {
+        plcStationOptions(station, stdout);
+        return;
+    }
+    if (plcStationSetOption(station, key, value ? value : "", error, sizeof(error)))
+        fprintf(stderr, "s7plcSetOption %s: %s\n", name, error);
+}
+
+typedef struct reportArgs {
+    FILE *file;
+    int level;
+} reportArgs;
+
+static void reportOne(plcStation *station, void *arg)
+{
+    reportArgs *r = arg;
+
+    plcStationReport(station, r->file, r->level);
+}
+
+static void resetOne(plcStation *station, void *arg)
+{
+    (void)arg;
+    plcStationStatsReset(station);
+}
+
+static const iocshArg *const reportArgList[] = {&stationArg, &levelArg};
+
+static void reportCall(const iocshArgBuf *args)
+{
+    reportArgs r = {stdout, args[1].ival ? args[1].ival : 1};
+    plcStation *station;
+
+    if (!args[0].sval)
+        plcStationEach(reportOne, &r);
+    else if ((station = needStation("s7plcReport", args[0].sval)))
+        reportOne(station, &r);
+}
+
+static const iocshArg *const stationArgs[] = {&stationArg};
+
+static void resetCall(const iocshArgBuf *args)
+{
+    plcStation *station;
+
+    if (!args[0].sval)
+        plcStationEach(resetOne, NULL);
+    else if ((station = needStation("s7plcStatsReset", args[0].sval)))
+        plcStationStatsReset(station);
+}
+
+static void sendCall(const iocshArgBuf *args)
+{
+    plcStation *station = needStation("s7plcSend", args[0].sval);
+
+    if (!station)
+        return;
+    if (!plcStationOutSize(station)) {
+        fprintf(stderr, "s7plcSend: PLC \"%s\" has outSize 0\n", args[0].sval);
+        return;
+    }
+    plcStationSend(station);
+}
+
+static const iocshFuncDef configureDef = {
+    "s7plcConfigure", 8, configureArgs
+#ifdef IOCSHFUNCDEF_HAS_USAGE
+    ,
+    "Makes a station: an S7 PLC with a send/receive connection.\n"
+    "  s7plcConfigure PLC,192.168.0.10,2000,96,112,1,2000,100\n"
+#endif
+};
+static const iocshFuncDef optionDef = {
+    "s7plcSetOption", 3, optionArgs
+#ifdef IOCSHFUNCDEF_HAS_USAGE
+    ,
+    "Sets an option of a PLC. Without value: shows its options. Without PLC: all keys.\n"
+    "  s7plcSetOption PLC heartbeat 500\n"
+#endif
+};
+static const iocshFuncDef reportDef = {
+    "s7plcReport", 2, reportArgList
+#ifdef IOCSHFUNCDEF_HAS_USAGE
+    ,
+    "State and statistics of one or all PLCs. level 0: a line, 1: more, 2: histograms.\n"
+#endif
+};
+static const iocshFuncDef resetDef = {
+    "s7plcStatsReset", 1, stationArgs
+#ifdef IOCSHFUNCDEF_HAS_USAGE
+    ,
+    "Sets the statistics of one or all PLCs to zero.\n"
+#endif
+};
+static const iocshFuncDef sendDef = {
+    "s7plcSend", 1, stationArgs
+#ifdef IOCSHFUNCDEF_HAS_USAGE
+    ,
+    "Sends the output block of a PLC now, changed or not.\n"
+#endif
+};
+
+static void s7plcRegister(void)
+{
+    iocshRegister(&configureDef, configureCall);
+    iocshRegister(&optionDef, optionCall);
+    iocshRegister(&reportDef, reportCall);
+    iocshRegister(&resetDef, resetCall);
+    iocshRegister(&sendDef, sendCall);
+}
+
+/* --- Driver entry -----------------------------------------------------------------------*/
+
+static void hook(initHookState state)
+{
+    if (state == initHookAfterIocRunning)
+        plcStationsRun();
+}
+
+static void stop(void *arg)
+{
+    (void)arg;
+    plcStationsStop();
+}
+
+/* Called by iocInit before records are initialised: PLCs connect meanwhile. */
+static long init(void)
+{
+    static int once;
+
+    if (!once++)
+        initHookRegister(hook);
+    /* runs before the database goes away: exit handlers run last first */
+    epicsAtExit(stop, NULL);
+    plcStationsStart();
+    return 0;
+}
+
+/* dbior */
+static long report(int level)
+{
+    reportArgs r = {stdout, level};
+
+    plcStationEach(reportOne, &r);
+    return 0;
+}
+
+static drvet s7plc = {2, (DRVSUPFUN)report, (DRVSUPFUN)init};
+
+epicsExportAddress(drvet, s7plc);
+epicsExportAddress(int, s7plcDebug);
+epicsExportRegistrar(s7plcRegister);

@@ -1,0 +1,200 @@
+/* One TCP connection for blocks; see plcConnection.h. */
+#include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <netinet/tcp.h>
+
+#include <cantProceed.h>
+#include <epicsStdio.h>
+
+#include "plcConnection.h"
+
+/* Socket options that make a dead peer known; s. Data unacknowledged that long, too. */
+enum { keepIdle = 5, keepInterval = 2, keepCount = 3, userTimeout = 10 };
+
+/* Error numbers in the words of an operator; they go into AMSG. */
+static const struct {
+    int number;
+    const char *text;
+} reasons[] = {
+    {ECONNREFUSED, "connection refused by PLC"   },
+    {ETIMEDOUT,    "PLC does not answer"         },
+    {EHOSTUNREACH, "no route to PLC"             },
+    {ENETUNREACH,  "network unreachable"         },
+    {EHOSTDOWN,    "PLC host is down"            },
+    {ECONNRESET,   "connection reset by PLC"     },
+    {EPIPE,        "connection reset by PLC"     },
+    {EADDRNOTAVAIL, "no local port or address"    },
+    {EMFILE,       "too many open files in IOC"  },
+    {0,            NULL                          }
+};
+
+static void setError(plcConnection *c, int number)
+{
+    int i;
+
+    for (i = 0; reasons[i].text; i++)
+        if (reasons[i].number == number) {
+            epicsSnprintf(c->error, sizeof(c->error), "%s", reasons[i].text);
+            return;
+        }
+    epicsSnprintf(c->error, sizeof(c->error), "%s", strerror(number));
+}
+
+static int fail(plcConnection *c, int number, epicsUInt64 now)
+{
+    setError(c, number);
+    plcConnectionClose(c, NULL, now);
+    return -1;
+}
+
+void plcConnectionInit(plcConnection *c, size_t inSize, size_t outSize)
+{
+    memset(c, 0, sizeof(*c));
+    c->socket = INVALID_SOCKET;
+    c->framing = plcFramingCreate(inSize);
+    c->outSize = c->sent = outSize;
+    c->out = callocMustSucceed(1, outSize + 1, "plcConnectionInit");
+}
+
+void plcConnectionFree(plcConnection *c)
+{
+    plcConnectionClose(c, NULL, 0);
+    plcFramingDestroy(c->framing);
+    free(c->out);
+}
+
+static void setOption(SOCKET s, int level, int option, int value)
+{
+    /* Helpful, not vital: a system that lacks one works without. */
+    (void)setsockopt(s, level, option, (char *)&value, sizeof(value));
+}
+
+static void setOptions(SOCKET s)
+{
+    setOption(s, IPPROTO_TCP, TCP_NODELAY, 1);
+    setOption(s, SOL_SOCKET, SO_KEEPALIVE, 1);
+#ifdef TCP_KEEPIDLE
+    setOption(s, IPPROTO_TCP, TCP_KEEPIDLE, keepIdle);
+    setOption(s, IPPROTO_TCP, TCP_KEEPINTVL, keepInterval);
+    setOption(s, IPPROTO_TCP, TCP_KEEPCNT, keepCount);
+#endif
+#ifdef TCP_USER_TIMEOUT
+    setOption(s, IPPROTO_TCP, TCP_USER_TIMEOUT, userTimeout * 1000);
+#endif
+}
+
+int plcConnectionOpen(plcConnection *c, struct in_addr host, unsigned short port,
+                      epicsUInt64 now)
+{
+    struct sockaddr_in peer = {.sin_family = AF_INET, .sin_port = port, .sin_addr = host};
+    int flags;
+
+    plcConnectionClose(c, NULL, now);
+    c->socket = epicsSocketCreate(AF_INET, SOCK_STREAM, 0);
+    if (c->socket == INVALID_SOCKET)
+        return fail(c, errno, now);
+    flags = fcntl(c->socket, F_GETFL);
+    if (flags < 0 || fcntl(c->socket, F_SETFL, flags | O_NONBLOCK) < 0)
+        return fail(c, errno, now);
+    setOptions(c->socket);
+    if (connect(c->socket, (struct sockaddr *)&peer, sizeof(peer)) < 0 &&
+        errno != EINPROGRESS)
+        return fail(c, errno, now);
+    /* A connect that succeeded at once shows as writable too. */
+    c->state = plcConnectionConnecting;
+    c->since = now;
+    return 0;
+}
+
+void plcConnectionClose(plcConnection *c, const char *why, epicsUInt64 now)
+{
+    if (c->socket != INVALID_SOCKET)
+        epicsSocketDestroy(c->socket);
+    c->socket = INVALID_SOCKET;
+    if (c->state != plcConnectionDown)
+        c->since = now;
+    c->state = plcConnectionDown;
+    c->sent = c->outSize;
+    if (why)
+        epicsSnprintf(c->error, sizeof(c->error), "%s", why);
+}
+
+short plcConnectionEvents(const plcConnection *c)
+{
+    switch (c->state) {
+    case plcConnectionConnecting:
+        return POLLOUT;
+    case plcConnectionUp:
+        return plcConnectionIdle(c) ? POLLIN : POLLIN | POLLOUT;
+    default:
+        return 0;
+    }
+}
+
+int plcConnectionFinish(plcConnection *c, epicsUInt64 now)
+{
+    int number = 0;
+    osiSocklen_t length = sizeof(number);
+    struct sockaddr_in peer;
+    osiSocklen_t peerLength = sizeof(peer);
+
+    if (getsockopt(c->socket, SOL_SOCKET, SO_ERROR, (char *)&number, &length) < 0)
+        number = errno;
+    if (number)
+        return fail(c, number, now);
+    if (getpeername(c->socket, (struct sockaddr *)&peer, &peerLength) < 0)
+        return errno == ENOTCONN ? 0 : fail(c, errno, now);
+    c->state = plcConnectionUp;
+    c->since = now;
+    c->sent = c->outSize;
+    c->error[0] = 0;
+    plcFramingReset(c->framing);
+    return 1;
+}
+
+int plcConnectionReceive(plcConnection *c, epicsUInt64 now)
+{
+    size_t room;
+    void *space = plcFramingSpace(c->framing, &room);
+    ssize_t count = recv(c->socket, space, room, 0);
+
+    if (count > 0) {
+        plcFramingAdd(c->framing, count, now);
+        return (int)count;
+    }
+    if (count == 0) {
+        plcConnectionClose(c, "connection closed by PLC", now);
+        return -1;
+    }
+    if (errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR)
+        return 0;
+    return fail(c, errno, now);
+}
+
+int plcConnectionIdle(const plcConnection *c)
+{
+    return c->state == plcConnectionUp && c->sent == c->outSize;
+}
+
+int plcConnectionSend(plcConnection *c, int restart, epicsUInt64 now)
+{
+    if (restart)
+        c->sent = 0;
+    while (c->sent < c->outSize) {
+        ssize_t count =
+            send(c->socket, c->out + c->sent, c->outSize - c->sent, MSG_NOSIGNAL);
+
+        if (count < 0 && errno == EINTR)
+            continue;
+        if (count < 0 && (errno == EAGAIN || errno == EWOULDBLOCK))
+            return 0;
+        if (count < 0)
+            return fail(c, errno, now);
+        c->sent += count;
+    }
+    return 1;
+}

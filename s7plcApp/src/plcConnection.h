@@ -1,0 +1,64 @@
+/* One TCP connection that carries fixed-size blocks in both directions, without blocking.
+ *
+ * Knows sockets and block sizes; knows nothing of stations, records, policies or what the
+ * bytes mean. All functions are called by the station's thread; none waits.
+ * Protocol: "send/receive" of Siemens S7 communication processors: raw blocks, no header,
+ * inSize bytes PLC -> IOC, outSize bytes IOC -> PLC (papers: CLS 2013, Phoenix 2013).
+ */
+#ifndef INC_plcConnection_H
+#define INC_plcConnection_H
+
+#include <stddef.h>
+
+#include <epicsTypes.h>
+#include <osiSock.h>
+
+#include "plcFraming.h"
+
+typedef enum {
+    plcConnectionDown,       /* no socket */
+    plcConnectionConnecting, /* TCP handshake under way */
+    plcConnectionUp
+} plcConnectionState;
+
+typedef struct plcConnection {
+    plcConnectionState state;
+    SOCKET socket;
+    epicsUInt64 since;    /* monotonic ns: when `state` began */
+    plcFraming *framing;
+    size_t outSize;
+    char *out;            /* the block that leaves */
+    size_t sent;          /* its bytes that are with the kernel; outSize: all */
+    char error[80];       /* why it is down, in words: "connection refused" */
+} plcConnection;
+
+void plcConnectionInit(plcConnection *c, size_t inSize, size_t outSize);
+void plcConnectionFree(plcConnection *c); /* closes first */
+
+/* Starts to connect; host and port in network byte order. Returns 0, or -1 with c->error. */
+int plcConnectionOpen(plcConnection *c, struct in_addr host, unsigned short port,
+                      epicsUInt64 now);
+
+/* Closes and forgets all half blocks. `why` may be NULL: keeps c->error. */
+void plcConnectionClose(plcConnection *c, const char *why, epicsUInt64 now);
+
+/* What to wait for in poll(), given that the caller is ready for input. */
+short plcConnectionEvents(const plcConnection *c);
+
+/* After poll() reported something while connecting. Returns 1 when the connection is up,
+ * 0 not yet, -1 failed (closed, c->error says why). */
+int plcConnectionFinish(plcConnection *c, epicsUInt64 now);
+
+/* Reads what is there into c->framing. Returns the bytes read (0: none), or -1 when the
+ * connection is lost (closed, c->error says why; whole blocks that came before are still
+ * in c->framing). */
+int plcConnectionReceive(plcConnection *c, epicsUInt64 now);
+
+/* True when the next block may be put into c->out and sent. */
+int plcConnectionIdle(const plcConnection *c);
+
+/* Begins (restart=1) to send the block in c->out, or goes on with it. Returns 1 when all
+ * of it is with the kernel, 0 when some is left for later, -1 lost as above. */
+int plcConnectionSend(plcConnection *c, int restart, epicsUInt64 now);
+
+#endif /* INC_plcConnection_H */

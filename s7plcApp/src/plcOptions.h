@@ -1,0 +1,53 @@
+/* The options of a station: one table of keys with range, unit, default and help.
+ *
+ * Pure: text goes in, values come out. What an option does is written where it is used.
+ */
+#ifndef INC_plcOptions_H
+#define INC_plcOptions_H
+
+#include <stddef.h>
+#include <stdio.h>
+
+#include "plcCodec.h"
+
+enum { plcOfflineKeep, plcOfflineReject }; /* offlineWrites= */
+enum { plcScanAll, plcScanChanged };       /* scan= */
+enum { plcClockIsDt, plcClockIsDtl };      /* timestamp= */
+
+#define PLC_OFF (-1.0) /* an offset option that is not in use */
+
+typedef struct plcOptions {
+    double recvTimeout;    /* ms */
+    double sendInterval;   /* ms */
+    double holdoff;        /* ms */
+    double heartbeat;      /* ms, 0 = off */
+    double minUpdate;      /* ms, 0 = off */
+    double connectTimeout; /* ms */
+    int offlineWrites;
+    int scan;
+    int wholeBlock;        /* 0 or 1 */
+    int track;             /* 0 or 1 */
+    double readback;       /* offset in the input block, PLC_OFF */
+    double alive;          /* offset in the input block, PLC_OFF */
+    const plcType *aliveType;
+    double aliveTimeout;   /* ms */
+    double timestamp;      /* offset in the input block, PLC_OFF */
+    int timestampFormat;   /* plcClockIsDt, plcClockIsDtl */
+    int sync;              /* 0 or 1 */
+    double layout;         /* layout id, 0 = not checked */
+} plcOptions;
+
+void plcOptionsDefault(plcOptions *options);
+
+/* Sets one option from text. `running` is true after iocInit: some options are only good
+ * before. Returns 0, or -1 with a message that says what is allowed. */
+int plcOptionsSet(plcOptions *options, const char *key, const char *value, int running,
+                  char *error, size_t size);
+
+/* The table with the values in *options (NULL: the defaults), for people. */
+void plcOptionsPrint(const plcOptions *options, FILE *file);
+
+/* Only the options that differ from the defaults: "heartbeat=500 scan=changed". */
+void plcOptionsSummary(const plcOptions *options, char *text, size_t size);
+
+#endif /* INC_plcOptions_H */

@@ -1,0 +1,14 @@
+/* The policy of a single PLC; see plcPolicy.h. */
+#include "plcPolicy.h"
+
+static int singleStep(void *pvt, plcEvent event, unsigned which, epicsUInt64 now,
+                      epicsUInt64 *wake)
+{
+    (void)pvt;
+    (void)which;
+    (void)now;
+    (void)wake; /* it never asks for a tick */
+    return event == plcEventLost ? -1 : 0;
+}
+
+const plcPolicy plcSingle = {"single", 1, singleStep, NULL, NULL};

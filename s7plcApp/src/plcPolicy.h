@@ -1,0 +1,40 @@
+/* Which of a station's connections counts: the table of functions by which the core knows
+ * a policy (a single PLC, a redundant pair) without knowing what it is.
+ *
+ * A policy is pure: it has no socket, no thread and no clock. The station's thread tells
+ * it what happened and when, and does what it answers.
+ */
+#ifndef INC_plcPolicy_H
+#define INC_plcPolicy_H
+
+#include <stdio.h>
+
+#include <epicsTypes.h>
+
+#define PLC_LINKS_MAX 2 /* connections of one station */
+
+typedef enum {
+    plcEventConnected, /* TCP connection `which` is up */
+    plcEventBlock,     /* a whole block came in on connection `which` */
+    plcEventLost,      /* connection `which` broke, or was silent for recvTimeout */
+    plcEventTick       /* time went by; `which` means nothing */
+} plcEvent;
+
+typedef struct plcPolicy {
+    const char *name;
+    unsigned links; /* connections it wants: 1 or 2 */
+    /* All run in the station's thread. `now` is monotonic, in ns.
+     * step returns the connection that leads from now on: its blocks are data and it gets
+     * the output; -1: none. It may set *wake to the time when it wants the next tick. */
+    int (*step)(void *pvt, plcEvent event, unsigned which, epicsUInt64 now,
+                epicsUInt64 *wake);
+    /* A line for dbior and s7plcReport. Any thread. */
+    void (*report)(void *pvt, FILE *file, int level);
+    /* The station ends; its thread has been joined. */
+    void (*destroy)(void *pvt);
+} plcPolicy;
+
+/* One PLC, one connection: it leads while it is up. */
+extern const plcPolicy plcSingle;
+
+#endif /* INC_plcPolicy_H */

@@ -1,0 +1,449 @@
+/* Stations: their list, their life, and what records ask of them; see plcStation.h.
+ * The thread that does the work is in plcStationThread.c. */
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <cantProceed.h>
+#include <epicsAtomic.h>
+#include <epicsStdio.h>
+#include <epicsStdlib.h>
+#include <epicsString.h>
+#include <epicsThread.h>
+#include <errlog.h>
+
+#include "plcClock.h"
+#include "plcStationPvt.h"
+
+/* The list only grows until plcStationsDestroy; `listLock` guards it. */
+static ELLLIST stations = ELLLIST_INIT;
+static epicsMutexId listLock;
+static epicsThreadOnceId once = EPICS_THREAD_ONCE_INIT;
+static int allStarted, allRunning;
+
+static void initOnce(void *arg)
+{
+    (void)arg;
+    listLock = epicsMutexMustCreate();
+}
+
+static void lockList(void)
+{
+    epicsThreadOnce(&once, initOnce, NULL);
+    epicsMutexMustLock(listLock);
+}
+
+static void unlockList(void)
+{
+    epicsMutexUnlock(listLock);
+}
+
+plcStation *plcStationFind(const char *name)
+{
+    plcStation *s;
+
+    lockList();
+    for (s = (plcStation *)ellFirst(&stations); s; s = (plcStation *)ellNext(&s->node))
+        if (strcmp(s->name, name) == 0)
+            break;
+    unlockList();
+    return s;
+}
+
+void plcStationEach(void (*visit)(plcStation *station, void *arg), void *arg)
+{
+    plcStation *s;
+
+    lockList();
+    s = (plcStation *)ellFirst(&stations);
+    while (s) {
+        unlockList(); /* stations are not removed while anyone could visit them */
+        visit(s, arg);
+        lockList();
+        s = (plcStation *)ellNext(&s->node);
+    }
+    unlockList();
+}
+
+void plcStationNames(char *text, size_t size)
+{
+    size_t used = 0;
+    plcStation *s;
+
+    text[0] = 0;
+    lockList();
+    for (s = (plcStation *)ellFirst(&stations); s && used + 1 < size;
+         s = (plcStation *)ellNext(&s->node)) {
+        epicsSnprintf(text + used, size - used, "%s%s", used ? " " : "", s->name);
+        used = strlen(text);
+    }
+    unlockList();
+}
+
+/* Called from callback threads at the end of a pass of input records. */
+static void passDone(void *pvt, epicsUInt64 requested)
+{
+    plcStation *s = pvt;
+    double ms = (epicsMonotonicGet() - requested) * 1e-6;
+
+    epicsMutexMustLock(s->lock);
+    plcStatsScan(&s->stats, ms);
+    epicsMutexUnlock(s->lock);
+    if (epicsAtomicGetIntT(&s->waiting))
+        plcStationWake(s);
+}
+
+static void makePipe(plcStation *s)
+{
+    int i;
+
+    if (pipe(s->wakePipe))
+        cantProceed("s7plc %s: no pipe: %s\n", s->name, strerror(errno));
+    for (i = 0; i < 2; i++) {
+        fcntl(s->wakePipe[i], F_SETFL, fcntl(s->wakePipe[i], F_GETFL) | O_NONBLOCK);
+        fcntl(s->wakePipe[i], F_SETFD, FD_CLOEXEC);
+    }
+}
+
+static void setLine(plcStation *s, unsigned i, const plcStationConfig *config)
+{
+    epicsSnprintf(s->address[i], sizeof(s->address[i]), "%s", config->address[i]);
+    s->plus[i] = config->plus[i];
+    s->port[i] = config->port;
+    plcConnectionInit(&s->lines[i].connection, s->inSize, s->outSize);
+}
+
+static void startThread(plcStation *s)
+{
+    if (s->started)
+        return;
+    s->started = 1;
+    if (!epicsThreadCreate(s->name, epicsThreadPriorityMedium,
+                           epicsThreadGetStackSize(epicsThreadStackMedium),
+                           plcStationThread, s)) {
+        s->started = 0;
+        errlogSevPrintf(errlogFatal, "s7plc %s: cannot start its thread\n", s->name);
+    }
+}
+
+plcStation *plcStationCreate(const plcStationConfig *config)
+{
+    plcStation *s = callocMustSucceed(1, sizeof(*s), "plcStationCreate");
+    unsigned i;
+
+    epicsSnprintf(s->name, sizeof(s->name), "%s", config->name);
+    s->inSize = config->inSize;
+    s->outSize = config->outSize;
+    s->bigEndian = config->bigEndian;
+    s->policy = config->policy ? config->policy : &plcSingle;
+    s->policyPvt = config->policyPvt;
+    s->in = plcImageCreate(s->inSize);
+    s->out = plcImageCreate(s->outSize);
+    s->inScan = plcScanCreate(s->inSize, passDone, s);
+    s->outScan = plcScanCreate(s->outSize, NULL, NULL);
+    s->statusScan = plcScanCreate(0, NULL, NULL);
+    s->held = callocMustSucceed(1, s->inSize + 1, "plcStationCreate");
+    s->lock = epicsMutexMustCreate();
+    s->ended = epicsEventMustCreate(epicsEventEmpty);
+    plcOptionsDefault(&s->options);
+    s->options.recvTimeout = config->recvTimeout;
+    s->options.sendInterval = config->sendInterval;
+    s->optionsChanged = 1;
+    s->leader = s->stats.leader = -1;
+    epicsSnprintf(s->reason, sizeof(s->reason), "not connected yet");
+    for (i = 0; i < s->policy->links; i++)
+        setLine(s, i, config);
+    makePipe(s);
+
+    lockList();
+    ellAdd(&stations, &s->node);
+    s->running = allRunning;
+    if (allStarted)
+        startThread(s);
+    unlockList();
+    return s;
+}
+
+void plcStationsStart(void)
+{
+    plcStation *s;
+
+    lockList();
+    allStarted = 1;
+    for (s = (plcStation *)ellFirst(&stations); s; s = (plcStation *)ellNext(&s->node))
+        startThread(s);
+    unlockList();
+}
+
+void plcStationsRun(void)
+{
+    plcStation *s;
+
+    lockList();
+    allRunning = 1;
+    for (s = (plcStation *)ellFirst(&stations); s; s = (plcStation *)ellNext(&s->node)) {
+        epicsAtomicSetIntT(&s->running, 1);
+        plcStationWake(s);
+    }
+    unlockList();
+}
+
+void plcStationsStop(void)
+{
+    plcStation *s;
+
+    lockList();
+    allStarted = allRunning = 0;
+    for (s = (plcStation *)ellFirst(&stations); s; s = (plcStation *)ellNext(&s->node)) {
+        epicsAtomicSetIntT(&s->stop, 1);
+        plcStationWake(s);
+    }
+    for (s = (plcStation *)ellFirst(&stations); s; s = (plcStation *)ellNext(&s->node)) {
+        if (s->started)
+            epicsEventMustWait(s->ended);
+        s->started = 0;
+    }
+    unlockList();
+}
+
+void plcStationsDestroy(void)
+{
+    plcStation *s;
+    unsigned i;
+
+    plcStationsStop();
+    lockList();
+    while ((s = (plcStation *)ellGet(&stations))) {
+        if (s->policy->destroy)
+            s->policy->destroy(s->policyPvt);
+        for (i = 0; i < s->policy->links; i++)
+            plcConnectionFree(&s->lines[i].connection);
+        plcImageDestroy(s->in);
+        plcImageDestroy(s->out);
+        close(s->wakePipe[0]);
+        close(s->wakePipe[1]);
+        epicsEventDestroy(s->ended);
+        epicsMutexDestroy(s->lock);
+        free(s->held);
+        free(s); /* its scan lists stay: EPICS has no way to free them */
+    }
+    unlockList();
+}
+
+void plcStationWake(void *arg)
+{
+    plcStation *s = arg;
+
+    if (epicsAtomicCmpAndSwapIntT(&s->woken, 0, 1) == 0) {
+        ssize_t n = write(s->wakePipe[1], "", 1);
+        (void)n; /* a full pipe wakes as well */
+    }
+}
+
+/* --- What records need ----------------------------------------------------------------- */
+
+const char *plcStationName(const plcStation *s)
+{
+    return s->name;
+}
+
+int plcStationBigEndian(const plcStation *s)
+{
+    return s->bigEndian;
+}
+
+size_t plcStationInSize(const plcStation *s)
+{
+    return s->inSize;
+}
+
+size_t plcStationOutSize(const plcStation *s)
+{
+    return s->outSize;
+}
+
+plcImage *plcStationInput(plcStation *s)
+{
+    return s->in;
+}
+
+plcImage *plcStationOutput(plcStation *s)
+{
+    return s->out;
+}
+
+static void copyReason(plcStation *s, char reason[PLC_REASON_SIZE])
+{
+    epicsMutexMustLock(s->lock);
+    memcpy(reason, s->reason, PLC_REASON_SIZE);
+    epicsMutexUnlock(s->lock);
+}
+
+int plcStationWrite(plcStation *s, size_t offset, size_t length, const void *data,
+                    const void *mask, char reason[PLC_REASON_SIZE])
+{
+    int away = !epicsAtomicGetIntT(&s->leads);
+
+    reason[0] = 0;
+    if (away)
+        copyReason(s, reason);
+    if (away && epicsAtomicGetIntT(&s->reject)) {
+        epicsMutexMustLock(s->lock);
+        s->stats.refusedWrites++;
+        epicsMutexUnlock(s->lock);
+        return -1;
+    }
+    epicsAtomicSetIntT(&s->written, 1);
+    if (plcImageWrite(s->out, offset, length, data, mask))
+        plcStationWake(s);
+    return 0;
+}
+
+int plcStationConnected(plcStation *s, char reason[PLC_REASON_SIZE])
+{
+    int leads = epicsAtomicGetIntT(&s->leads);
+
+    if (reason) {
+        reason[0] = 0;
+        if (!leads)
+            copyReason(s, reason);
+    }
+    return leads;
+}
+
+IOSCANPVT plcStationInScan(plcStation *s, size_t offset, size_t length, int prio,
+                           int leave)
+{
+    return plcScanJoin(s->inScan, offset, length, prio, leave);
+}
+
+IOSCANPVT plcStationOutScan(plcStation *s, int prio, int leave)
+{
+    return plcScanJoin(s->outScan, 0, s->outSize, prio, leave);
+}
+
+IOSCANPVT plcStationStatusScan(plcStation *s, int prio, int leave)
+{
+    return plcScanJoin(s->statusScan, 0, 0, prio, leave);
+}
+
+void plcStationAddress(plcStation *s, char *text, size_t size)
+{
+    epicsMutexMustLock(s->lock);
+    if (s->port[0])
+        epicsSnprintf(text, size, "%s:%d", s->address[0], s->port[0]);
+    else
+        epicsSnprintf(text, size, "%s", s->address[0]);
+    epicsMutexUnlock(s->lock);
+}
+
+int plcStationMove(plcStation *s, const char *text, char *error, size_t size)
+{
+    char host[PLC_NAME_MAX + 1];
+    size_t length = strcspn(text, ":");
+    epicsInt32 port = 0;
+    unsigned i;
+
+    if (length == 0 || length >= sizeof(host) || strcspn(text, " \t/") < length) {
+        epicsSnprintf(error, size, "need host[:port]");
+        return -1;
+    }
+    if (text[length] && (epicsParseInt32(text + length + 1, &port, 10, NULL) || port < 1 ||
+                         port > 65535)) {
+        epicsSnprintf(error, size, "port must be 1 to 65535");
+        return -1;
+    }
+    epicsSnprintf(host, sizeof(host), "%.*s", (int)length, text);
+
+    epicsMutexMustLock(s->lock);
+    if (!port)
+        port = s->port[0];
+    for (i = 0; port && i < s->policy->links; i++) {
+        /* a second PLC at IPaddr+1 moves along; one with an address of its own stays */
+        if (i == 0 || s->plus[i])
+            strcpy(s->address[i], host);
+        s->port[i] = port;
+        s->moved = 1;
+    }
+    epicsMutexUnlock(s->lock);
+    if (!port) {
+        epicsSnprintf(error, size, "need host:port");
+        return -1;
+    }
+    plcStationWake(s);
+    return 0;
+}
+
+void plcStationSend(plcStation *s)
+{
+    epicsAtomicSetIntT(&s->sendNow, 1);
+    plcStationWake(s);
+}
+
+/* --- Options and statistics -------------------------------------------------------------*/
+
+/* Options that point into the input block must lie in it. */
+static int optionsFit(plcStation *s, const plcOptions *o, char *error, size_t size)
+{
+    const struct {
+        const char *key;
+        double offset;
+        size_t length;
+    } places[] = {
+        {"alive",     o->alive,     o->aliveType->size                         },
+        {"timestamp", o->timestamp, o->timestampFormat == plcClockIsDtl ? PLC_CLOCK_DTL_SIZE : PLC_CLOCK_DT_SIZE},
+        {"readback",  o->readback,  s->outSize                                 },
+    };
+    size_t i;
+
+    for (i = 0; i < sizeof(places) / sizeof(places[0]); i++)
+        if (places[i].offset >= 0 && places[i].offset + places[i].length > s->inSize) {
+            epicsSnprintf(error, size,
+                          "option %s: %u bytes at %.0f do not fit the input block of %u",
+                          places[i].key, (unsigned)places[i].length, places[i].offset,
+                          (unsigned)s->inSize);
+            return -1;
+        }
+    return 0;
+}
+
+int plcStationSetOption(plcStation *s, const char *key, const char *value, char *error,
+                        size_t size)
+{
+    plcOptions options;
+    int status;
+
+    epicsMutexMustLock(s->lock);
+    options = s->options;
+    epicsMutexUnlock(s->lock);
+    status = plcOptionsSet(&options, key, value, s->started, error, size);
+    if (status == 0)
+        status = optionsFit(s, &options, error, size);
+    if (status)
+        return status;
+    if (!s->started)
+        plcScanByRange(s->inScan, options.scan == plcScanChanged);
+    epicsMutexMustLock(s->lock);
+    s->options = options;
+    s->optionsChanged = 1;
+    epicsMutexUnlock(s->lock);
+    epicsAtomicSetIntT(&s->reject, options.offlineWrites == plcOfflineReject);
+    plcStationWake(s);
+    return 0;
+}
+
+void plcStationStats(plcStation *s, plcStats *stats)
+{
+    epicsMutexMustLock(s->lock);
+    *stats = s->stats;
+    epicsMutexUnlock(s->lock);
+}
+
+void plcStationStatsReset(plcStation *s)
+{
+    epicsMutexMustLock(s->lock);
+    plcStatsReset(&s->stats);
+    epicsMutexUnlock(s->lock);
+}

@@ -1,0 +1,122 @@
+/* A station: one PLC as the IOC sees it, and the one thread that serves it.
+ *
+ * The thread owns the connections, timers, policy and sync state. Records meet it only in
+ * the two images and in the functions below. Functions that say "any thread" do not block
+ * on the network, ever.
+ */
+#ifndef INC_plcStation_H
+#define INC_plcStation_H
+
+#include <stddef.h>
+#include <stdio.h>
+
+#include <dbScan.h>
+#include <epicsTime.h>
+#include <epicsTypes.h>
+
+#include "plcImage.h"
+#include "plcPolicy.h"
+#include "plcStats.h"
+
+typedef struct plcStation plcStation;
+
+typedef enum {
+    plcStateNoAddress,  /* configured without one; "S7plc addr" brings it */
+    plcStateConnecting, /* no connection, or not even an address yet */
+    plcStateWaiting,    /* connected, no block yet on this connection */
+    plcStateOk,
+    plcStateWrongSize,  /* the PLC sends blocks of another size */
+    plcStateFrozen,     /* blocks come, but the alive word stands still */
+    plcStateNoPrimary   /* a pair of which neither sends */
+} plcStationState;
+
+typedef struct plcStationConfig {
+    const char *name;       /* 1 to PLC_NAME_MAX characters, no '/', no blank */
+    const char *address[PLC_LINKS_MAX]; /* host name or dotted IP, or "" (records of
+                               "S7plc addr" will bring it) */
+    unsigned plus[PLC_LINKS_MAX]; /* added to the address found: 1 for IPaddr+1 */
+    int port;               /* TCP port of the PLC, 1 to 65535, or 0 with an address "" */
+    size_t inSize;          /* bytes PLC -> IOC, 0: nothing is read */
+    size_t outSize;         /* bytes IOC -> PLC, 0: nothing is written */
+    int bigEndian;          /* byte order on the wire: 1 MSB first */
+    unsigned recvTimeout;   /* ms from block to block */
+    unsigned sendInterval;  /* ms between two output blocks at least */
+    const plcPolicy *policy;
+    void *policyPvt;
+} plcStationConfig;
+
+#define PLC_BLOCK_MAX (16u << 20) /* bytes: a larger block is a typing error */
+
+/* Makes a station. All arguments have been checked (plcStationConfigure does). Before
+ * iocInit its thread waits for plcStationsStart; later it starts at once. */
+plcStation *plcStationCreate(const plcStationConfig *config);
+
+/* The station of this name, or NULL. Any thread. */
+plcStation *plcStationFind(const char *name);
+
+/* Calls visit for each station, in the order of their configuration. Any thread. */
+void plcStationEach(void (*visit)(plcStation *station, void *arg), void *arg);
+
+/* Names of all stations, separated by blanks, for error messages. */
+void plcStationNames(char *text, size_t size);
+
+/* Starts the threads of all stations (iocInit) / tells them that the PINI run is over and
+ * scans are on / ends and joins them (exit; stations stay, not connected). */
+void plcStationsStart(void);
+void plcStationsRun(void);
+void plcStationsStop(void);
+
+/* For unit tests: stops and frees all stations. No record may refer to one. */
+void plcStationsDestroy(void);
+
+/* --- What records need; any thread ----------------------------------------------------- */
+
+const char *plcStationName(const plcStation *station);
+int plcStationBigEndian(const plcStation *station);
+size_t plcStationInSize(const plcStation *station);
+size_t plcStationOutSize(const plcStation *station);
+plcImage *plcStationInput(plcStation *station);  /* never NULL */
+plcImage *plcStationOutput(plcStation *station); /* never NULL */
+
+/* Writes into the output image and wakes the thread when needed. Returns 0; or -1 with
+ * the reason, when writes are refused now (offlineWrites=reject, not synchronised, LOCAL):
+ * then nothing was written.
+ * Returns 0 with a reason that is not empty when the PLC is away but the value is kept. */
+int plcStationWrite(plcStation *station, size_t offset, size_t length, const void *data,
+                    const void *mask, char reason[PLC_REASON_SIZE]);
+
+/* 1 while TCP to the PLC (the leading one) is up. *reason (may be NULL) says why not. */
+int plcStationConnected(plcStation *station, char reason[PLC_REASON_SIZE]);
+
+/* Lists for get_ioint_info. Input: processed when a block came (option scan) and on loss.
+ * Output: every sendInterval while connected, after the send. Status: when the connection
+ * comes or goes, and with every block. */
+IOSCANPVT plcStationInScan(plcStation *station, size_t offset, size_t length, int prio,
+                           int leave);
+IOSCANPVT plcStationOutScan(plcStation *station, int prio, int leave);
+IOSCANPVT plcStationStatusScan(plcStation *station, int prio, int leave);
+
+/* The address of the PLC as "host:port" text (of the FIRST of a pair); moving it closes
+ * the connection and connects anew at once. `text` is host[:port]. Returns 0 or -1 with the
+ * message in error. */
+void plcStationAddress(plcStation *station, char *text, size_t size);
+int plcStationMove(plcStation *station, const char *text, char *error, size_t size);
+
+/* Sends the output image now, changed or not (s7plcSend). */
+void plcStationSend(plcStation *station);
+
+/* --- Options, statistics, reports; any thread ------------------------------------------ */
+
+/* Sets an option of plcOptions.h by its key. Returns 0 or -1 with the message in error. */
+int plcStationSetOption(plcStation *station, const char *key, const char *value,
+                        char *error, size_t size);
+
+/* A consistent copy of the counters. */
+void plcStationStats(plcStation *station, plcStats *stats);
+void plcStationStatsReset(plcStation *station);
+
+/* level 0: one line, 1: options and counters, 2: histograms */
+void plcStationReport(plcStation *station, FILE *file, int level);
+void plcStationOptions(plcStation *station, FILE *file);
+
+#endif /* INC_plcStation_H */

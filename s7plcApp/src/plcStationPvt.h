@@ -1,0 +1,102 @@
+/* Inside of a station; only for plcStation*.c.
+ *
+ * Locking. There are two kinds of data:
+ *   - What the thread owns (links, timers, leader): only the thread touches it.
+ *   - What others ask for (options, stats, address, error text): guarded by `lock`, held
+ *     only to copy; never across a system call, errlog, a scan request or another lock.
+ * Order: record lock, then an image's or a scan's own lock or station lock; never two of
+ * the last three at once.
+ */
+#ifndef INC_plcStationPvt_H
+#define INC_plcStationPvt_H
+
+#include <ellLib.h>
+#include <epicsEvent.h>
+#include <epicsMutex.h>
+
+#include "plcConnection.h"
+#include "plcLink.h"
+#include "plcOptions.h"
+#include "plcResolver.h"
+#include "plcScan.h"
+#include "plcStation.h"
+
+/* One way to the PLC, with its connection. Owned by the thread. */
+typedef struct plcLine {
+    plcConnection connection;
+    plcResolver *resolver; /* NULL: no address */
+    int port;
+    epicsUInt64 retryAt;   /* when to try to connect next */
+    unsigned failures;     /* in a row, for the back-off */
+    epicsUInt64 lastBlock; /* 0: none on this connection */
+    epicsUInt64 lostAt;    /* 0: not lost, or never was up */
+    int wrongSize;         /* the block size was found wrong and not found right since */
+    int logged;            /* "cannot connect" has been said */
+} plcLine;
+
+struct plcStation {
+    ELLNODE node;
+    char name[PLC_NAME_MAX + 1];
+    size_t inSize, outSize;
+    int bigEndian;
+    const plcPolicy *policy;
+    void *policyPvt;
+
+    plcImage *in, *out;
+    plcScan *inScan, *outScan, *statusScan;
+
+    /* from any thread to ours */
+    int wakePipe[2];
+    int woken;    /* atomic: a byte is in the pipe already */
+    int stop;     /* atomic */
+    int running;  /* atomic: PINI is over, scans are on */
+    int sendNow;  /* atomic: s7plcSend */
+    int written;  /* atomic: some output was written since start */
+    epicsEventId ended;
+    int started;
+
+    epicsMutexId lock; /* guards from here ... */
+    plcOptions options;
+    int optionsChanged;
+    plcStats stats;
+    char address[PLC_LINKS_MAX][PLC_NAME_MAX + 1]; /* host as configured */
+    int plus[PLC_LINKS_MAX];
+    int port[PLC_LINKS_MAX];
+    int moved;   /* an address or a port is new */
+    char reason[PLC_REASON_SIZE]; /* why not connected */
+                       /* ... to here */
+    int leads;   /* atomic: a line leads; for record threads */
+    int reject;  /* atomic: offlineWrites=reject */
+    int waiting; /* atomic: the thread waits for the end of a scan pass */
+
+    /* owned by the thread */
+    plcOptions now; /* its copy of the options */
+    plcLine lines[PLC_LINKS_MAX];
+    int leader;               /* index of the leading line, -1 none */
+    int valid;                /* the input image is valid */
+    int frozen;               /* the alive word stands still */
+    epicsUInt64 lastBlock;    /* of any leader; 0: none since data was lost */
+    epicsUInt64 lastDeliver;  /* when records got their last block */
+    epicsUInt64 lastAlive;    /* when the alive word last changed; 0: not seen yet */
+    epicsInt64 aliveWord;
+    char *held;               /* a block that waits for minUpdate or wholeBlock */
+    int holding;
+    epicsTimeStamp heldStamp;
+    epicsUInt64 dirtySince;   /* 0: output image not written */
+    epicsUInt64 lastSend;     /* 0: nothing sent on this connection */
+    epicsUInt64 nextOutScan;
+    epicsUInt64 policyWake;   /* 0: none */
+    unsigned logTokens;       /* log lines that may still be written this minute */
+    unsigned logDropped;
+    epicsUInt64 logRefill;
+};
+
+/* The thread's main function. */
+void plcStationThread(void *arg);
+
+/* Makes the thread look around. Any thread, also with locks held. */
+void plcStationWake(void *station);
+
+const char *plcStateName(int state);
+
+#endif /* INC_plcStationPvt_H */

@@ -1,0 +1,102 @@
+/* A station in words: dbior, s7plcReport. Only copies; never waits for the thread. */
+#include <string.h>
+
+#include "plcStationPvt.h"
+
+const char *plcStateName(int state)
+{
+    static const char *const names[] = {"no address", "connecting", "waiting for data",
+                                        "ok",         "wrong size", "frozen",
+                                        "no PRIMARY"};
+
+    return state >= 0 && state < (int)(sizeof(names) / sizeof(names[0])) ? names[state]
+                                                                        : "?";
+}
+
+static void histogram(FILE *file, const char *title, const epicsUInt32 *bins)
+{
+    epicsUInt32 most = 0;
+    int i, first = PLC_BINS, last = -1;
+
+    for (i = 0; i < PLC_BINS; i++) {
+        if (!bins[i])
+            continue;
+        if (i < first)
+            first = i;
+        last = i;
+        if (bins[i] > most)
+            most = bins[i];
+    }
+    fprintf(file, "    %s\n", title);
+    for (i = first; i <= last; i++)
+        fprintf(file, "    %10.3g ms %10u %.*s\n", plcStatsBinStart(i), bins[i],
+                (int)((epicsUInt64)bins[i] * 50 / most),
+                "##################################################");
+}
+
+static void counters(const plcStats *st, FILE *file)
+{
+    fprintf(file, "    in:  %llu blocks, %llu bytes, %llu skipped, %llu coalesced, "
+            "%llu ignored\n", (unsigned long long)st->blocksIn,
+            (unsigned long long)st->bytesIn, (unsigned long long)st->skipped,
+            (unsigned long long)st->coalesced, (unsigned long long)st->ignored);
+    fprintf(file, "    out: %llu blocks, %llu bytes, %llu of them heartbeats, "
+            "%llu puts refused\n", (unsigned long long)st->blocksOut,
+            (unsigned long long)st->bytesOut, (unsigned long long)st->heartbeats,
+            (unsigned long long)st->refusedWrites);
+    fprintf(file, "    connects: %llu made, %llu lost, %llu failed; wrong size: %llu\n",
+            (unsigned long long)st->connects, (unsigned long long)st->disconnects,
+            (unsigned long long)st->connectErrors,
+            (unsigned long long)st->sizeMismatches);
+    if (st->periods)
+        fprintf(file, "    period [ms]: last %.3f min %.3f max %.3f mean %.3f jitter %.3f\n",
+                st->periodLast, st->periodMin, st->periodMax, st->periodMean, st->jitter);
+    fprintf(file, "    latency [ms]: block to end of scan %.3f (max %.3f), "
+            "put to kernel %.3f (max %.3f)\n", st->scanLatency, st->scanLatencyMax,
+            st->sendLatency, st->sendLatencyMax);
+}
+
+void plcStationReport(plcStation *s, FILE *file, int level)
+{
+    plcStats st;
+    char address[PLC_NAME_MAX + 10], reason[PLC_REASON_SIZE], text[400];
+    plcOptions options;
+
+    plcStationStats(s, &st);
+    plcStationAddress(s, address, sizeof(address));
+    plcImageReason(s->in, reason);
+    fprintf(file, "  %s %s: %s", s->name, address, plcStateName(st.state));
+    if (st.state != plcStateOk && reason[0])
+        fprintf(file, " (%s)", reason);
+    fprintf(file, ", in %u bytes, out %u bytes, %s endian\n", (unsigned)s->inSize,
+            (unsigned)s->outSize, s->bigEndian ? "big" : "little");
+    if (s->policy->report)
+        s->policy->report(s->policyPvt, file, level);
+    if (level < 1)
+        return;
+    epicsMutexMustLock(s->lock);
+    options = s->options;
+    epicsMutexUnlock(s->lock);
+    plcOptionsSummary(&options, text, sizeof(text));
+    fprintf(file, "    options: %s\n", text[0] ? text : "all default");
+    fprintf(file, "    I/O Intr records: %u in, %u out\n", plcScanCount(s->inScan),
+            plcScanCount(s->outScan));
+    counters(&st, file);
+    if (st.lastError[0])
+        fprintf(file, "    last error: %s\n", st.lastError);
+    if (level < 2)
+        return;
+    histogram(file, "time from block to block", st.periodHist);
+    histogram(file, "time from block to end of scan", st.latencyHist);
+}
+
+void plcStationOptions(plcStation *s, FILE *file)
+{
+    plcOptions options;
+
+    epicsMutexMustLock(s->lock);
+    options = s->options;
+    epicsMutexUnlock(s->lock);
+    fprintf(file, "Options of PLC %s:\n", s->name);
+    plcOptionsPrint(&options, file);
+}

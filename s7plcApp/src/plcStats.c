@@ -1,0 +1,59 @@
+/* Arithmetic of the statistics; see plcStats.h. */
+#include <math.h>
+#include <stddef.h>
+#include <string.h>
+
+#include "plcStats.h"
+
+#define FIRST_BIN_MS 0.01
+#define BINS_PER_OCTAVE 3
+
+int plcStatsBin(double ms)
+{
+    double bin = ms > FIRST_BIN_MS ? BINS_PER_OCTAVE * log2(ms / FIRST_BIN_MS) : 0;
+
+    return bin < PLC_BINS - 1 ? (int)bin : PLC_BINS - 1;
+}
+
+double plcStatsBinStart(int bin)
+{
+    return FIRST_BIN_MS * exp2((double)bin / BINS_PER_OCTAVE);
+}
+
+void plcStatsReset(plcStats *s)
+{
+    size_t start = offsetof(plcStats, blocksIn);
+
+    memset((char *)s + start, 0, sizeof(*s) - start);
+}
+
+void plcStatsPeriod(plcStats *s, double ms)
+{
+    double before = ms - s->periodMean;
+
+    s->periodLast = ms;
+    if (s->periods == 0 || ms < s->periodMin)
+        s->periodMin = ms;
+    if (ms > s->periodMax)
+        s->periodMax = ms;
+    s->periods++;
+    s->periodMean += before / s->periods;
+    s->periodSquares += before * (ms - s->periodMean);
+    s->jitter = sqrt(s->periodSquares / s->periods);
+    s->periodHist[plcStatsBin(ms)]++;
+}
+
+void plcStatsScan(plcStats *s, double ms)
+{
+    s->scanLatency = ms;
+    if (ms > s->scanLatencyMax)
+        s->scanLatencyMax = ms;
+    s->latencyHist[plcStatsBin(ms)]++;
+}
+
+void plcStatsSend(plcStats *s, double ms)
+{
+    s->sendLatency = ms;
+    if (ms > s->sendLatencyMax)
+        s->sendLatencyMax = ms;
+}
