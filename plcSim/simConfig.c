@@ -1,0 +1,339 @@
+/* simConfig: reads the text file that describes a PLC. It does not act on anything.
+ *
+ * SPDX-License-Identifier: BSD-3-Clause
+ */
+#include <ctype.h>
+#include <errno.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include <cantProceed.h>
+#include <epicsString.h>
+
+#include "simConfig.h"
+#include "simLog.h"
+#include "simSignal.h"
+
+#define MAX_FILE (1024 * 1024)
+
+static int fail(char error[SIM_ERROR_SIZE], const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
+
+static int fail(char error[SIM_ERROR_SIZE], const char *format, ...)
+{
+    va_list args;
+
+    va_start(args, format);
+    vsnprintf(error, SIM_ERROR_SIZE, format, args);
+    va_end(args);
+    return -1;
+}
+
+/* ---- keys ---- */
+
+typedef enum keyKind { keyText, keyCount, keyUnsigned, keyTime, keyChoice } keyKind;
+
+static const struct key {
+    const char *name;
+    keyKind kind;
+    size_t offset;   /* in simConfig */
+    double min, max; /* of numbers; of times in s */
+    const char *initial;
+    const char *choices; /* "no|yes": the index is stored */
+    const char *help;
+} keys[] = {
+#define AT(member) offsetof(simConfig, member)
+    {"name", keyText, AT(name), 1, SIM_NAME_SIZE - 1, "PLC", NULL, "name in the log"},
+    {"address", keyText, AT(address), 1, SIM_MAX_ADDRESS - 1, "127.0.0.1", NULL,
+     "address to listen on"},
+    {"port", keyUnsigned, AT(port), 0, 65535, "2000", NULL, "TCP port, 0 = any free one"},
+    {"in", keyCount, AT(in), 0, SIM_MAX_BLOCK, "0", NULL, "bytes in a block PLC -> IOC"},
+    {"out", keyCount, AT(out), 0, SIM_MAX_BLOCK, "0", NULL, "bytes in a block IOC -> PLC"},
+    {"byteorder", keyChoice, AT(bigEndian), 0, 0, "big", "little|big",
+     "byte order of the PLC's memory"},
+    {"period", keyTime, AT(period), 1e-4, 3600, "100 ms", NULL, "time from block to block"},
+    {"clients", keyChoice, AT(keepFirst), 0, 0, "replace", "replace|keep",
+     "a second connection replaces the first, or is closed"},
+    {"rcvbuf", keyUnsigned, AT(receiveBuffer), 0, 1 << 24, "0", NULL,
+     "bytes of the receive buffer, 0 = the system's default"},
+    {"restarttime", keyTime, AT(restartTime), 0, 3600, "500 ms", NULL,
+     "how long `restart` keeps the PLC off"},
+    {"ie_tx", keyUnsigned, AT(txDb), 1, 65535, "1", NULL, "DB number of the block to the IOC"},
+    {"ie_rx", keyUnsigned, AT(rxDb), 1, 65535, "2", NULL, "DB number of the block from the IOC"},
+#undef AT
+};
+
+#define KEY_COUNT (sizeof(keys) / sizeof(keys[0]))
+
+static int setNumber(const struct key *key, void *member, const char *value,
+                     char error[SIM_ERROR_SIZE])
+{
+    char *end;
+    unsigned long number;
+    int hex = value[0] == '0' && tolower((unsigned char)value[1]) == 'x';
+
+    errno = 0;
+    number = strtoul(value, &end, hex ? 16 : 10);
+    if (!isdigit((unsigned char)value[0]) || *end || errno || (double)number < key->min ||
+        (double)number > key->max)
+        return fail(error, "%s = %.40s: allowed is a number %.0f ... %.0f", key->name, value,
+                    key->min, key->max);
+    if (key->kind == keyCount)
+        *(size_t *)member = number;
+    else
+        *(unsigned *)member = (unsigned)number;
+    return 0;
+}
+
+static int setTime(const struct key *key, double *member, const char *value,
+                   char error[SIM_ERROR_SIZE])
+{
+    char reason[SIM_ERROR_SIZE];
+    double seconds;
+
+    if (simTimeParse(value, &seconds, reason))
+        return fail(error, "%s = %.40s: %.120s", key->name, value, reason);
+    if (seconds < key->min || seconds > key->max)
+        return fail(error, "%s = %.40s: allowed is %g ms ... %g s", key->name, value,
+                    key->min * 1e3, key->max);
+    *member = seconds;
+    return 0;
+}
+
+static int setChoice(const struct key *key, int *member, const char *value,
+                     char error[SIM_ERROR_SIZE])
+{
+    const char *choice = key->choices;
+    int index;
+
+    for (index = 0; *choice; index++) {
+        size_t length = strcspn(choice, "|");
+
+        if (strlen(value) == length && !strncasecmp(choice, value, length)) {
+            *member = index;
+            return 0;
+        }
+        choice += length;
+        choice += *choice == '|';
+    }
+    return fail(error, "%s = %.40s: allowed is %s", key->name, value, key->choices);
+}
+
+static int setText(const struct key *key, char *member, const char *value,
+                   char error[SIM_ERROR_SIZE])
+{
+    size_t length = strlen(value);
+
+    if (length < (size_t)key->min || length > (size_t)key->max)
+        return fail(error, "%s: allowed are %.0f ... %.0f characters", key->name, key->min,
+                    key->max);
+    strcpy(member, value);
+    return 0;
+}
+
+int simConfigSet(simConfig *config, const char *name, const char *value,
+                 char error[SIM_ERROR_SIZE])
+{
+    size_t i;
+
+    for (i = 0; i < KEY_COUNT; i++) {
+        const struct key *key = &keys[i];
+        void *member = (char *)config + key->offset;
+
+        if (strcasecmp(name, key->name))
+            continue;
+        switch (key->kind) {
+        case keyText:
+            return setText(key, member, value, error);
+        case keyTime:
+            return setTime(key, member, value, error);
+        case keyChoice:
+            return setChoice(key, member, value, error);
+        default:
+            return setNumber(key, member, value, error);
+        }
+    }
+    return fail(error, "\"%.40s\" is no key; `plcSim --help` lists them", name);
+}
+
+void simConfigHelp(simText *out)
+{
+    char what[64];
+    size_t i;
+
+    for (i = 0; i < KEY_COUNT; i++) {
+        snprintf(what, sizeof(what), "%s = %s", keys[i].name,
+                 keys[i].choices ? keys[i].choices : keys[i].initial);
+        simTextAdd(out, "  %-26s %s\n", what, keys[i].help);
+    }
+}
+
+void simConfigInit(simConfig *config)
+{
+    char error[SIM_ERROR_SIZE];
+    size_t i;
+
+    memset(config, 0, sizeof(*config));
+    for (i = 0; i < KEY_COUNT; i++)
+        if (keys[i].initial[0] && simConfigSet(config, keys[i].name, keys[i].initial, error))
+            cantProceed("simConfigInit: %s", error);
+}
+
+void simConfigFree(simConfig *config)
+{
+    size_t i, j;
+
+    for (i = 0; i < config->lineCount; i++) {
+        for (j = 0; j < config->lines[i].count; j++)
+            free(config->lines[i].words[j]);
+        free(config->lines[i].words);
+    }
+    free(config->lines);
+    config->lines = NULL;
+    config->lineCount = 0;
+}
+
+/* ---- lines ---- */
+
+/* Copies one quoted word down over the line. Returns the end of it, or NULL. */
+static char *quoted(char *from, char **to)
+{
+    for (from++; *from && *from != '"'; from++) {
+        if (*from == '\\' && (from[1] == '"' || from[1] == '\\'))
+            from++;
+        *(*to)++ = *from;
+    }
+    return *from == '"' ? from + 1 : NULL;
+}
+
+int simSplit(char *line, char **words, size_t max, char error[SIM_ERROR_SIZE])
+{
+    size_t count = 0;
+    char *from = line;
+
+    for (;;) {
+        char *to;
+
+        from += strspn(from, " \t\r\n");
+        if (*from == 0 || *from == '#')
+            return (int)count;
+        if (count == max)
+            return fail(error, "more than %lu words", (unsigned long)max);
+        words[count++] = to = from;
+        while (*from && !strchr(" \t\r\n", *from)) {
+            if (*from != '"') {
+                *to++ = *from++;
+                continue;
+            }
+            from = quoted(from, &to);
+            if (!from)
+                return fail(error, "a \" is missing");
+        }
+        if (*from)
+            from++;
+        *to = 0;
+    }
+}
+
+static void keepLine(simConfig *config, unsigned number, char **words, size_t count)
+{
+    simLine *line;
+    size_t i;
+
+    config->lines = realloc(config->lines, (config->lineCount + 1) * sizeof(simLine));
+    if (!config->lines)
+        cantProceed("simConfigRead: out of memory");
+    line = &config->lines[config->lineCount++];
+    line->number = number;
+    line->count = count;
+    line->words = callocMustSucceed(count + 1, sizeof(char *), "simConfigRead");
+    for (i = 0; i < count; i++)
+        line->words[i] = epicsStrDup(words[i]);
+}
+
+/* The value behind '=': without comment, blanks at the ends, and quotes. */
+static char *cleanValue(char *value)
+{
+    size_t length;
+    char *comment = strchr(value, '#');
+
+    if (comment)
+        *comment = 0;
+    value += strspn(value, " \t");
+    length = strlen(value);
+    while (length && isspace((unsigned char)value[length - 1]))
+        value[--length] = 0;
+    if (length >= 2 && value[0] == '"' && value[length - 1] == '"') {
+        value[length - 1] = 0;
+        value++;
+    }
+    return value;
+}
+
+static int readLine(simConfig *config, unsigned number, char *text, char error[SIM_ERROR_SIZE])
+{
+    char *words[SIM_MAX_WORDS];
+    char *name = text + strspn(text, " \t");
+    size_t length = strspn(name, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_");
+    char *equals = name + length + strspn(name + length, " \t");
+    int count;
+
+    if (length && *equals == '=') {
+        name[length] = 0;
+        return simConfigSet(config, name, cleanValue(equals + 1), error);
+    }
+    count = simSplit(text, words, SIM_MAX_WORDS, error);
+    if (count > 0)
+        keepLine(config, number, words, (size_t)count);
+    return count < 0 ? -1 : 0;
+}
+
+int simConfigReadText(simConfig *config, const char *file, const char *text, simText *out)
+{
+    char error[SIM_ERROR_SIZE];
+    char *copy = epicsStrDup(text);
+    char *line = copy;
+    unsigned number;
+    int errors = 0;
+
+    snprintf(config->file, sizeof(config->file), "%s", file);
+    for (number = 1; line; number++) {
+        char *next = strchr(line, '\n');
+
+        if (next)
+            *next++ = 0;
+        if (readLine(config, number, line, error)) {
+            simTextAdd(out, "%s:%u: %s\n", file, number, error);
+            errors++;
+        }
+        line = next;
+    }
+    free(copy);
+    return errors;
+}
+
+int simConfigRead(simConfig *config, const char *file)
+{
+    simText messages = {NULL, 0, 0};
+    FILE *fp = fopen(file, "r");
+    char *text;
+    size_t length;
+    int errors;
+
+    if (!fp) {
+        fprintf(stderr, "plcSim: cannot read %s: %s\n", file, strerror(errno));
+        return 1;
+    }
+    text = callocMustSucceed(1, MAX_FILE + 1, "simConfigRead");
+    length = fread(text, 1, MAX_FILE, fp);
+    text[length] = 0;
+    fclose(fp);
+    errors = simConfigReadText(config, file, text, &messages);
+    free(text);
+    if (messages.text)
+        fputs(messages.text, stderr);
+    simTextFree(&messages);
+    return errors;
+}

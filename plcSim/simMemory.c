@@ -1,0 +1,698 @@
+/* simMemory: the memory of one PLC: data blocks, their addresses, and typed values in them.
+ * It does not know what the bytes are for, nor of the network.
+ *
+ * SPDX-License-Identifier: BSD-3-Clause
+ */
+#include <ctype.h>
+#include <errno.h>
+#include <float.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <time.h>
+
+#include <cantProceed.h>
+
+#include "simLog.h"
+#include "simMemory.h"
+
+static int fail(char error[SIM_ERROR_SIZE], const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
+
+static int fail(char error[SIM_ERROR_SIZE], const char *format, ...)
+{
+    va_list args;
+
+    va_start(args, format);
+    vsnprintf(error, SIM_ERROR_SIZE, format, args);
+    va_end(args);
+    return -1;
+}
+
+/* ---- blocks ---- */
+
+void simMemoryInit(simMemory *mem, int bigEndian)
+{
+    memset(mem, 0, sizeof(*mem));
+    mem->bigEndian = bigEndian;
+}
+
+void simMemoryFree(simMemory *mem)
+{
+    size_t i;
+
+    for (i = 0; i < mem->count; i++) {
+        free(mem->blocks[i]->bytes);
+        free(mem->blocks[i]);
+    }
+    free(mem->blocks);
+    simMemoryInit(mem, mem->bigEndian);
+}
+
+simBlock *simMemoryFind(const simMemory *mem, unsigned area, unsigned number)
+{
+    size_t i;
+
+    for (i = 0; i < mem->count; i++)
+        if (mem->blocks[i]->area == area && mem->blocks[i]->number == number)
+            return mem->blocks[i];
+    return NULL;
+}
+
+simBlock *simMemoryFindName(const simMemory *mem, const char *name)
+{
+    size_t i;
+
+    if (!name[0])
+        return NULL;
+    if (!strcasecmp(name, "in"))
+        name = "IE_TX";
+    else if (!strcasecmp(name, "out"))
+        name = "IE_RX";
+    for (i = 0; i < mem->count; i++)
+        if (!strcasecmp(mem->blocks[i]->name, name))
+            return mem->blocks[i];
+    return NULL;
+}
+
+simBlock *simMemoryAdd(simMemory *mem, unsigned area, unsigned number, size_t size,
+                       const char *name)
+{
+    simBlock *block;
+
+    if (size < 1 || size > SIM_MAX_BLOCK || simMemoryFind(mem, area, number))
+        return NULL;
+    mem->blocks = realloc(mem->blocks, (mem->count + 1) * sizeof(*mem->blocks));
+    if (!mem->blocks)
+        cantProceed("simMemoryAdd: out of memory");
+    block = callocMustSucceed(1, sizeof(*block), "simMemoryAdd");
+    block->bytes = callocMustSucceed(1, size, "simMemoryAdd");
+    block->area = area;
+    block->number = number;
+    block->size = size;
+    snprintf(block->name, sizeof(block->name), "%s", name ? name : "");
+    mem->blocks[mem->count++] = block;
+    return block;
+}
+
+const char *simBlockName(const simBlock *block)
+{
+    static char texts[4][64];
+    static unsigned next;
+    char *text = texts[next++ % 4];
+
+    if (block->area != SIM_AREA_DB)
+        snprintf(text, sizeof(texts[0]), "%c",
+                 block->area == SIM_AREA_I ? 'I' : block->area == SIM_AREA_Q ? 'Q' : 'M');
+    else if (block->name[0])
+        snprintf(text, sizeof(texts[0]), "DB%u (%s)", block->number, block->name);
+    else
+        snprintf(text, sizeof(texts[0]), "DB%u", block->number);
+    return text;
+}
+
+/* ---- types ---- */
+
+static const simTypeInfo types[] = {
+    {"BOOL",          simBool,     1 },
+    {"INT8",          simInteger,  1 },
+    {"UINT8",         simUnsigned, 1 },
+    {"INT16",         simInteger,  2 },
+    {"UINT16",        simUnsigned, 2 },
+    {"INT32",         simInteger,  4 },
+    {"UINT32",        simUnsigned, 4 },
+    {"INT64",         simInteger,  8 },
+    {"UINT64",        simUnsigned, 8 },
+    {"REAL32",        simReal,     4 },
+    {"REAL64",        simReal,     8 },
+    {"STRING",        simString,   1 },
+    {"TIME",          simBcd,      8 },
+    {"DTL",           simDtl,      12},
+    /* other names of the same */
+    {"BYTE",          simUnsigned, 1 },
+    {"CHAR",          simUnsigned, 1 },
+    {"INT",           simInteger,  2 },
+    {"WORD",          simUnsigned, 2 },
+    {"DINT",          simInteger,  4 },
+    {"DWORD",         simUnsigned, 4 },
+    {"REAL",          simReal,     4 },
+    {"LREAL",         simReal,     8 },
+    {"DATE_AND_TIME", simBcd,      8 },
+};
+
+static const simTypeInfo *findType(const char *name, size_t length)
+{
+    size_t i;
+
+    for (i = 0; i < sizeof(types) / sizeof(types[0]); i++)
+        if (strlen(types[i].name) == length && !strncasecmp(types[i].name, name, length))
+            return &types[i];
+    return NULL;
+}
+
+int simTypeParse(const char *text, simType *type, char error[SIM_ERROR_SIZE])
+{
+    size_t length = strcspn(text, "[");
+    char *end;
+    unsigned long count = 1;
+
+    type->info = findType(text, length);
+    if (!type->info)
+        return fail(error,
+                    "\"%.40s\" is no type: allowed are BOOL INT8 UINT8 INT16 UINT16 INT32 "
+                    "UINT32 INT64 UINT64 REAL32 REAL64 STRING[n] TIME DTL",
+                    text);
+    if (text[length] == '[') {
+        errno = 0;
+        count = strtoul(text + length + 1, &end, 0);
+        if (!isdigit((unsigned char)text[length + 1]) || errno || strcmp(end, "]") ||
+            count < 1 || count > SIM_MAX_BLOCK)
+            return fail(error, "\"%.40s\": the number in [ ] must be 1 ... %u", text,
+                        SIM_MAX_BLOCK);
+    } else if (type->info->kind == simString) {
+        count = 40;
+    }
+    if (count > 1 && (type->info->kind == simBcd || type->info->kind == simDtl ||
+                      type->info->kind == simBool))
+        return fail(error, "\"%.40s\": no arrays of %s", text, type->info->name);
+    type->count = count;
+    return 0;
+}
+
+size_t simTypeSize(const simType *type)
+{
+    return type->info->size * type->count;
+}
+
+/* ---- places ---- */
+
+/* A number without sign, decimal or 0x hex, that ends at one of the characters `stop`. */
+static int number(const char **text, const char *stop, unsigned long max, unsigned long *value)
+{
+    char *end;
+
+    if (!isdigit((unsigned char)**text))
+        return -1;
+    errno = 0;
+    *value = strtoul(*text, &end, (*text)[0] == '0' && tolower((*text)[1]) == 'x' ? 16 : 10);
+    if (errno || *value > max || !(*end == 0 || strchr(stop, *end)))
+        return -1;
+    *text = end;
+    return 0;
+}
+
+static const struct width {
+    char letter;
+    size_t bytes;
+} widths[] = {
+    {'X', 1},
+    {'B', 1},
+    {'W', 2},
+    {'D', 4},
+};
+
+static const struct width *findWidth(char c)
+{
+    size_t i;
+
+    for (i = 0; i < sizeof(widths) / sizeof(widths[0]); i++)
+        if (toupper((unsigned char)c) == widths[i].letter)
+            return &widths[i];
+    return NULL;
+}
+
+/* Offset with an optional bit: "4", "4.3". */
+static int offsetAndBit(const char *s, simPlace *place)
+{
+    unsigned long value;
+
+    if (number(&s, ".", SIM_MAX_BLOCK, &value))
+        return -1;
+    place->offset = value;
+    if (*s == '.') {
+        s++;
+        if (number(&s, "", 7, &value))
+            return -1;
+        place->bit = (int)value;
+    }
+    return 0;
+}
+
+/* What stands behind the block: "DBW4", "DBX4.3", "4", "4.3". */
+static int placeInBlock(const char *s, simPlace *place)
+{
+    const struct width *width = NULL;
+
+    if (!strncasecmp(s, "DB", 2)) {
+        width = findWidth(s[2]);
+        if (!width)
+            return -1;
+        s += 3;
+    }
+    if (offsetAndBit(s, place))
+        return -1;
+    if (!width)
+        return 0;
+    if ((width->letter == 'X') != (place->bit >= 0))
+        return -1;
+    place->width = width->bytes;
+    return 0;
+}
+
+static const struct area {
+    char letter;
+    unsigned area;
+} areas[] = {
+    {'M', SIM_AREA_M},
+    {'I', SIM_AREA_I},
+    {'Q', SIM_AREA_Q},
+};
+
+/* "M4.3", "MB4", "MW4", "MD4". Returns 1 when it is one, 0 when it is something else. */
+static int placeInArea(const simMemory *mem, const char *s, simPlace *place)
+{
+    const struct width *width = NULL;
+    size_t i;
+
+    for (i = 0; i < sizeof(areas) / sizeof(areas[0]); i++)
+        if (toupper((unsigned char)s[0]) == areas[i].letter)
+            break;
+    if (i == sizeof(areas) / sizeof(areas[0]))
+        return 0;
+    s++;
+    if (!isdigit((unsigned char)*s)) {
+        width = findWidth(*s);
+        if (!width || width->letter == 'X')
+            return 0;
+        s++;
+    }
+    if (offsetAndBit(s, place) || (width && place->bit >= 0))
+        return 0;
+    place->width = width ? width->bytes : 0;
+    place->block = simMemoryFind(mem, areas[i].area, 0);
+    return 1;
+}
+
+static simBlock *blockByText(const simMemory *mem, const char *text, size_t length)
+{
+    char name[SIM_NAME_SIZE];
+    const char *digits = name + 2;
+    unsigned long value;
+    simBlock *block;
+
+    if (length >= sizeof(name))
+        return NULL;
+    memcpy(name, text, length);
+    name[length] = 0;
+    block = simMemoryFindName(mem, name);
+    if (!block && !strncasecmp(name, "DB", 2) && !number(&digits, "", 65535, &value))
+        block = simMemoryFind(mem, SIM_AREA_DB, (unsigned)value);
+    return block;
+}
+
+int simPlaceParse(const simMemory *mem, const char *text, simBlock *byDefault,
+                  simPlace *place, char error[SIM_ERROR_SIZE])
+{
+    static const char allowed[] =
+        "allowed are DB10.DBX4.3 DB10.DBB4 DB10.DBW4 DB10.DBD4 DB10.4 in.4 out.4 MB4";
+    const char *dot = strchr(text, '.');
+    size_t need;
+
+    memset(place, 0, sizeof(*place));
+    place->bit = -1;
+    if (isdigit((unsigned char)text[0])) {
+        place->block = byDefault;
+        if (!byDefault || offsetAndBit(text, place))
+            return fail(error, "\"%.60s\" is no address: %s", text, allowed);
+    } else if (placeInArea(mem, text, place)) {
+        if (!place->block)
+            return fail(error, "\"%.60s\": this PLC has no such memory area", text);
+    } else {
+        if (!dot)
+            return fail(error, "\"%.60s\" is no address: %s", text, allowed);
+        place->block = blockByText(mem, text, (size_t)(dot - text));
+        if (!place->block)
+            return fail(error, "\"%.60s\": no block \"%.*s\" in this PLC", text,
+                        (int)(dot - text < 40 ? dot - text : 40), text);
+        if (placeInBlock(dot + 1, place))
+            return fail(error, "\"%.60s\" is no address: %s", text, allowed);
+    }
+    need = place->width ? place->width : 1;
+    if (place->offset >= place->block->size || need > place->block->size - place->offset)
+        return fail(error, "\"%.60s\" is outside of %s, which has %lu bytes", text,
+                    simBlockName(place->block), (unsigned long)place->block->size);
+    return 0;
+}
+
+int simPlaceCheck(const simPlace *place, const simType *type, char error[SIM_ERROR_SIZE])
+{
+    size_t size = simTypeSize(type);
+
+    if (type->info->kind != simBool && place->bit >= 0)
+        return fail(error, "the address names a bit, but %s is no BOOL", type->info->name);
+    if (type->info->kind == simBool && place->bit < 0)
+        return fail(error, "BOOL needs an address with a bit, such as DB10.DBX4.3");
+    if (place->width && place->width != size)
+        return fail(error, "the address is %lu bytes wide, but %s has %lu",
+                    (unsigned long)place->width, type->info->name, (unsigned long)size);
+    if (place->offset > place->block->size || size > place->block->size - place->offset)
+        return fail(error, "%s of %lu bytes at offset %lu is outside of %s, which has %lu bytes",
+                    type->info->name, (unsigned long)size, (unsigned long)place->offset,
+                    simBlockName(place->block), (unsigned long)place->block->size);
+    return 0;
+}
+
+int simPlaceType(const simPlace *place, simType *type, char error[SIM_ERROR_SIZE])
+{
+    static const char *const byWidth[] = {NULL, "UINT8", "UINT16", NULL, "UINT32"};
+    const char *name = place->bit >= 0 ? "BOOL" : byWidth[place->width];
+
+    if (!name)
+        return fail(error, "this address needs a type behind it, such as INT16");
+    return simTypeParse(name, type, error);
+}
+
+/* ---- values ---- */
+
+void simPutInt(epicsUInt8 *p, size_t size, int bigEndian, epicsUInt64 value)
+{
+    size_t i;
+
+    for (i = 0; i < size; i++) {
+        p[bigEndian ? size - 1 - i : i] = (epicsUInt8)value;
+        value >>= 8;
+    }
+}
+
+epicsUInt64 simGetInt(const epicsUInt8 *p, size_t size, int bigEndian)
+{
+    epicsUInt64 value = 0;
+    size_t i;
+
+    for (i = 0; i < size; i++)
+        value = value << 8 | p[bigEndian ? i : size - 1 - i];
+    return value;
+}
+
+static epicsInt64 getSigned(const epicsUInt8 *p, size_t size, int bigEndian)
+{
+    epicsUInt64 value = simGetInt(p, size, bigEndian);
+    epicsUInt64 sign = (epicsUInt64)1 << (8 * size - 1);
+
+    return (epicsInt64)((value ^ sign) - sign);
+}
+
+static void putFloat(epicsUInt8 *p, size_t size, int bigEndian, double value)
+{
+    epicsUInt32 bits32;
+    epicsUInt64 bits;
+
+    if (size == 4) {
+        /* beyond the range of a float the C conversion is undefined */
+        float single = value > FLT_MAX && !isinf(value)    ? FLT_MAX
+                       : value < -FLT_MAX && !isinf(value) ? -FLT_MAX
+                                                           : (float)value;
+        memcpy(&bits32, &single, 4);
+        bits = bits32;
+    } else {
+        memcpy(&bits, &value, 8);
+    }
+    simPutInt(p, size, bigEndian, bits);
+}
+
+static double getFloat(const epicsUInt8 *p, size_t size, int bigEndian)
+{
+    epicsUInt64 bits = simGetInt(p, size, bigEndian);
+    epicsUInt32 bits32 = (epicsUInt32)bits;
+    double value;
+    float single;
+
+    if (size == 4) {
+        memcpy(&single, &bits32, 4);
+        return single;
+    }
+    memcpy(&value, &bits, 8);
+    return value;
+}
+
+static epicsUInt64 realToSigned(double value, size_t size)
+{
+    double limit = ldexp(1.0, (int)(8 * size - 1));
+    epicsUInt64 highest = ((epicsUInt64)1 << (8 * size - 1)) - 1;
+
+    if (value >= limit)
+        return highest;
+    if (value <= -limit)
+        return ~highest;
+    return (epicsUInt64)(epicsInt64)value;
+}
+
+static epicsUInt64 realToUnsigned(double value, size_t size)
+{
+    double limit = ldexp(1.0, (int)(8 * size));
+
+    if (value >= limit)
+        return ~(epicsUInt64)0;
+    return value <= 0 ? 0 : (epicsUInt64)value;
+}
+
+static void putBit(epicsUInt8 *p, int bit, int value)
+{
+    if (value)
+        *p |= (epicsUInt8)(1u << bit);
+    else
+        *p &= (epicsUInt8)~(1u << bit);
+}
+
+void simPutReal(const simTypeInfo *info, epicsUInt8 *p, int bit, int bigEndian, double value)
+{
+    if (info->kind == simReal) {
+        putFloat(p, info->size, bigEndian, value);
+        return;
+    }
+    if (isnan(value))
+        value = 0;
+    value = floor(value + 0.5);
+    if (info->kind == simBool)
+        putBit(p, bit, value != 0);
+    else if (info->kind == simInteger)
+        simPutInt(p, info->size, bigEndian, realToSigned(value, info->size));
+    else if (info->kind == simUnsigned)
+        simPutInt(p, info->size, bigEndian, realToUnsigned(value, info->size));
+}
+
+void simPutText(epicsUInt8 *p, size_t size, const char *text)
+{
+    size_t length = strlen(text);
+
+    if (length > size)
+        length = size;
+    memcpy(p, text, length);
+    memset(p + length, 0, size - length);
+}
+
+/* Splits the time; weekday 1 is Sunday. Times that gmtime cannot say become 1970. */
+static long splitTime(double seconds, struct tm *tm)
+{
+    double whole;
+    time_t t;
+
+    if (!(seconds >= 0 && seconds < 4e9)) /* up to the year 2096 */
+        seconds = 0;
+    whole = floor(seconds);
+    t = (time_t)whole;
+    gmtime_r(&t, tm);
+    return (long)((seconds - whole) * 1e9);
+}
+
+static epicsUInt8 bcd(int value)
+{
+    return (epicsUInt8)((value / 10 % 10) << 4 | value % 10);
+}
+
+void simPutBcdTime(epicsUInt8 *p, double seconds)
+{
+    struct tm tm;
+    int ms = (int)(splitTime(seconds, &tm) / 1000000);
+
+    p[0] = bcd(tm.tm_year % 100);
+    p[1] = bcd(tm.tm_mon + 1);
+    p[2] = bcd(tm.tm_mday);
+    p[3] = bcd(tm.tm_hour);
+    p[4] = bcd(tm.tm_min);
+    p[5] = bcd(tm.tm_sec);
+    p[6] = bcd(ms / 10);
+    p[7] = (epicsUInt8)((ms % 10) << 4 | (tm.tm_wday + 1));
+}
+
+void simPutDtl(epicsUInt8 *p, int bigEndian, double seconds)
+{
+    struct tm tm;
+    long ns = splitTime(seconds, &tm);
+
+    simPutInt(p, 2, bigEndian, (epicsUInt64)(tm.tm_year + 1900));
+    p[2] = (epicsUInt8)(tm.tm_mon + 1);
+    p[3] = (epicsUInt8)tm.tm_mday;
+    p[4] = (epicsUInt8)(tm.tm_wday + 1);
+    p[5] = (epicsUInt8)tm.tm_hour;
+    p[6] = (epicsUInt8)tm.tm_min;
+    p[7] = (epicsUInt8)tm.tm_sec;
+    simPutInt(p + 8, 4, bigEndian, (epicsUInt64)ns);
+}
+
+/* ---- values as text ---- */
+
+static int setInteger(const simTypeInfo *info, epicsUInt8 *p, int bigEndian, const char *word,
+                      char error[SIM_ERROR_SIZE])
+{
+    int negative = word[0] == '-';
+    const char *digits = word + (negative || word[0] == '+');
+    int hex = digits[0] == '0' && tolower((unsigned char)digits[1]) == 'x';
+    unsigned bits = (unsigned)(8 * info->size);
+    epicsUInt64 lowest = (epicsUInt64)1 << (bits - 1); /* of negative numbers */
+    /* 0xffff is a way to write an INT16, 65535 is not */
+    epicsUInt64 highest = info->kind == simUnsigned || hex ? ~(epicsUInt64)0 >> (64 - bits)
+                                                           : lowest - 1;
+    unsigned long long value;
+    char *end;
+
+    errno = 0;
+    value = strtoull(digits, &end, hex ? 16 : 10);
+    if (!isdigit((unsigned char)digits[0]) || *end)
+        return fail(error, "\"%.40s\" is no integer", word);
+    if (errno || value > (negative ? lowest : highest))
+        return fail(error, "%.40s does not fit into %s", word, info->name);
+    simPutInt(p, info->size, bigEndian, negative ? 0 - (epicsUInt64)value : (epicsUInt64)value);
+    return 0;
+}
+
+static int setReal(const simTypeInfo *info, epicsUInt8 *p, int bigEndian, const char *word,
+                   char error[SIM_ERROR_SIZE])
+{
+    char *end;
+    double value = strtod(word, &end);
+
+    if (end == word || *end)
+        return fail(error, "\"%.40s\" is no number", word);
+    putFloat(p, info->size, bigEndian, value);
+    return 0;
+}
+
+static int setBool(epicsUInt8 *p, int bit, const char *word, char error[SIM_ERROR_SIZE])
+{
+    if (strcmp(word, "0") && strcmp(word, "1"))
+        return fail(error, "\"%.40s\": a bit is 0 or 1", word);
+    putBit(p, bit, word[0] == '1');
+    return 0;
+}
+
+static int hexDigit(char c)
+{
+    return isdigit((unsigned char)c) ? c - '0' : tolower((unsigned char)c) - 'a' + 10;
+}
+
+/* TIME and DTL are given as hex bytes: "26112312000000 01" without blanks. */
+static int setHex(epicsUInt8 *p, size_t size, const char *word, char error[SIM_ERROR_SIZE])
+{
+    size_t i;
+
+    if (strlen(word) != 2 * size || strspn(word, "0123456789abcdefABCDEF") != 2 * size)
+        return fail(error, "\"%.40s\": give the %lu bytes as %lu hex digits", word,
+                    (unsigned long)size, (unsigned long)(2 * size));
+    for (i = 0; i < size; i++)
+        p[i] = (epicsUInt8)(hexDigit(word[2 * i]) << 4 | hexDigit(word[2 * i + 1]));
+    return 0;
+}
+
+static int setElement(const simTypeInfo *info, epicsUInt8 *p, int bit, int bigEndian,
+                      const char *word, char error[SIM_ERROR_SIZE])
+{
+    switch (info->kind) {
+    case simBool:
+        return setBool(p, bit, word, error);
+    case simInteger:
+    case simUnsigned:
+        return setInteger(info, p, bigEndian, word, error);
+    case simReal:
+        return setReal(info, p, bigEndian, word, error);
+    default:
+        return setHex(p, info->size, word, error);
+    }
+}
+
+int simValueSet(const simMemory *mem, const simPlace *place, const simType *type, char **words,
+                size_t count, char error[SIM_ERROR_SIZE])
+{
+    epicsUInt8 *target = place->block->bytes + place->offset;
+    size_t size = simTypeSize(type);
+    size_t want = type->info->kind == simString ? 1 : type->count;
+    epicsUInt8 *copy;
+    int status = 0;
+    size_t i;
+
+    if (simPlaceCheck(place, type, error))
+        return -1;
+    if (count != want)
+        return fail(error, "%lu value(s) given, but %lu wanted", (unsigned long)count,
+                    (unsigned long)want);
+    if (type->info->kind == simString) {
+        simPutText(target, size, words[0]);
+        return 0;
+    }
+    copy = callocMustSucceed(1, size, "simValueSet");
+    memcpy(copy, target, size);
+    for (i = 0; i < count && status == 0; i++)
+        status = setElement(type->info, copy + i * type->info->size, place->bit,
+                            mem->bigEndian, words[i], error);
+    if (status == 0)
+        memcpy(target, copy, size);
+    free(copy);
+    return status;
+}
+
+static void getElement(const simTypeInfo *info, const epicsUInt8 *p, int bit, int bigEndian,
+                       simText *out)
+{
+    size_t i;
+
+    switch (info->kind) {
+    case simBool:
+        simTextAdd(out, "%d", *p >> bit & 1);
+        break;
+    case simInteger:
+        simTextAdd(out, "%lld", (long long)getSigned(p, info->size, bigEndian));
+        break;
+    case simUnsigned:
+        simTextAdd(out, "%llu", (unsigned long long)simGetInt(p, info->size, bigEndian));
+        break;
+    case simReal:
+        simTextAdd(out, info->size == 4 ? "%.9g" : "%.17g", getFloat(p, info->size, bigEndian));
+        break;
+    default:
+        for (i = 0; i < info->size; i++)
+            simTextAdd(out, "%02x", p[i]);
+    }
+}
+
+void simValueGet(const simMemory *mem, const simPlace *place, const simType *type,
+                 simText *out)
+{
+    const epicsUInt8 *p = place->block->bytes + place->offset;
+    size_t i;
+
+    if (type->info->kind == simString) {
+        simTextAdd(out, "\"");
+        for (i = 0; i < type->count && p[i]; i++)
+            simTextAdd(out, isprint(p[i]) && p[i] != '"' && p[i] != '\\' ? "%c" : "\\x%02x",
+                       p[i]);
+        simTextAdd(out, "\"");
+        return;
+    }
+    for (i = 0; i < type->count; i++) {
+        if (i)
+            simTextAdd(out, " ");
+        getElement(type->info, p + i * type->info->size, place->bit, mem->bigEndian, out);
+    }
+}

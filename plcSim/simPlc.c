@@ -1,0 +1,425 @@
+/* simPlc: one PLC: its memory, its signals, the cycle that sends, and what happens to a
+ * block that arrives. It knows the server as "send this block" and nothing of consoles.
+ *
+ * SPDX-License-Identifier: BSD-3-Clause
+ */
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <time.h>
+
+#include <cantProceed.h>
+
+#include "simPlc.h"
+
+#define AREA_SIZE 256                /* bytes of I, Q and M */
+#define HISTORY_BYTES (1024u * 1024) /* memory for received blocks */
+#define HISTORY_BLOCKS 1000u
+
+static int fail(char error[SIM_ERROR_SIZE], const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
+
+static int fail(char error[SIM_ERROR_SIZE], const char *format, ...)
+{
+    va_list args;
+
+    va_start(args, format);
+    vsnprintf(error, SIM_ERROR_SIZE, format, args);
+    va_end(args);
+    return -1;
+}
+
+/* ---- statements of the file ---- */
+
+static void *grow(void *list, size_t count, size_t size)
+{
+    list = realloc(list, (count + 1) * size);
+    if (!list)
+        cantProceed("simPlc: out of memory");
+    return list;
+}
+
+static int addSignal(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE])
+{
+    simSignal signal;
+
+    if (simSignalParse(&plc->memory, plc->tx, words, count, &signal, error))
+        return -1;
+    plc->signals = grow(plc->signals, plc->signalCount, sizeof(simSignal));
+    plc->signals[plc->signalCount++] = signal;
+    return 0;
+}
+
+static int sizeArg(const char *word, size_t *value)
+{
+    char *end;
+
+    if (word[0] < '0' || word[0] > '9')
+        return -1;
+    *value = strtoul(word, &end, 0);
+    return *end || *value > SIM_MAX_BLOCK ? -1 : 0;
+}
+
+static int addMirror(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE])
+{
+    simMirror m;
+
+    if (count != 4 || strcmp(words[2], "->") || sizeArg(words[0], &m.from) ||
+        sizeArg(words[1], &m.length) || sizeArg(words[3], &m.to))
+        return fail(error, "a mirror wants: <offset in out> <length> -> <offset in in>");
+    if (m.length < 1 || m.from > plc->config->out || m.length > plc->config->out - m.from)
+        return fail(error, "mirror: %lu bytes at offset %lu are outside of the %lu bytes of out",
+                    (unsigned long)m.length, (unsigned long)m.from,
+                    (unsigned long)plc->config->out);
+    if (m.to > plc->config->in || m.length > plc->config->in - m.to)
+        return fail(error, "mirror: %lu bytes at offset %lu are outside of the %lu bytes of in",
+                    (unsigned long)m.length, (unsigned long)m.to,
+                    (unsigned long)plc->config->in);
+    plc->mirrors = grow(plc->mirrors, plc->mirrorCount, sizeof(simMirror));
+    plc->mirrors[plc->mirrorCount++] = m;
+    return 0;
+}
+
+/* db <number> <bytes> [name] */
+static int addBlock(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE])
+{
+    const char *name = count == 3 ? words[2] : "";
+    size_t number, size;
+
+    if (count < 2 || count > 3 || sizeArg(words[0], &number) || number < 1 || number > 65535 ||
+        sizeArg(words[1], &size) || size < 1 || strlen(name) >= SIM_NAME_SIZE)
+        return fail(error, "a data block wants: <number 1 ... 65535> <bytes 1 ... %u> [name]",
+                    SIM_MAX_BLOCK);
+    if (simMemoryFindName(&plc->memory, name))
+        return fail(error, "there is a block \"%s\" already", name);
+    if (!simMemoryAdd(&plc->memory, SIM_AREA_DB, (unsigned)number, size, name))
+        return fail(error, "there is a DB%lu already", (unsigned long)number);
+    return 0;
+}
+
+/* "in 4" is the same as "in.4": joins the two words. Returns the number of words used. */
+static size_t placeWords(char **words, size_t count, char place[80])
+{
+    if (count > 1 && !strchr(words[0], '.') && words[1][0] >= '0' && words[1][0] <= '9' &&
+        !(words[0][0] >= '0' && words[0][0] <= '9')) {
+        size_t length = strlen(words[0]);
+        int isArea = length > 1 && words[0][length - 1] >= '0' && words[0][length - 1] <= '9' &&
+                     strchr("MIQmiq", words[0][0]);
+
+        if (!isArea) {
+            snprintf(place, 80, "%.40s.%.30s", words[0], words[1]);
+            return 2;
+        }
+    }
+    snprintf(place, 80, "%.79s", words[0]);
+    return 1;
+}
+
+int simPlcPlace(simPlc *plc, char **words, size_t count, simPlace *place, simType *type,
+                char error[SIM_ERROR_SIZE])
+{
+    char text[80];
+    size_t used;
+
+    if (count < 1)
+        return fail(error, "an address is missing, such as DB10.DBW4 or in.4");
+    used = placeWords(words, count, text);
+    if (simPlaceParse(&plc->memory, text, NULL, place, error))
+        return -1;
+    if (used < count && simTypeParse(words[used], type, error) == 0)
+        used++;
+    else if (simPlaceType(place, type, error))
+        return -1;
+    return simPlaceCheck(place, type, error) ? -1 : (int)used;
+}
+
+int simPlcSet(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE])
+{
+    simPlace place;
+    simType type;
+    int used = simPlcPlace(plc, words, count, &place, &type, error);
+
+    if (used < 0)
+        return -1;
+    return simValueSet(&plc->memory, &place, &type, words + used, count - (size_t)used, error);
+}
+
+typedef int (*statementFn)(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE]);
+
+static const struct statement {
+    const char *name;
+    statementFn fn;
+    int pass;    /* 0 makes memory, 1 uses it */
+    int atCold;  /* done again at a cold restart */
+    int running; /* allowed from the console */
+} statements[] = {
+    {"db",     addBlock,  0, 0, 0},
+    {"init",   simPlcSet, 1, 1, 0},
+    {"signal", addSignal, 1, 0, 1},
+    {"mirror", addMirror, 1, 0, 1},
+};
+
+static const struct statement *findStatement(const char *name)
+{
+    size_t i;
+
+    for (i = 0; i < sizeof(statements) / sizeof(statements[0]); i++)
+        if (!strcasecmp(name, statements[i].name))
+            return &statements[i];
+    return NULL;
+}
+
+int simPlcStatement(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE])
+{
+    const struct statement *statement = count ? findStatement(words[0]) : NULL;
+
+    if (!statement || !statement->running)
+        return fail(error, "no such statement");
+    return statement->fn(plc, words + 1, count - 1, error);
+}
+
+static int runStatements(simPlc *plc, int pass, simText *out)
+{
+    char error[SIM_ERROR_SIZE];
+    int errors = 0;
+    size_t i;
+
+    for (i = 0; i < plc->config->lineCount; i++) {
+        const simLine *line = &plc->config->lines[i];
+        const struct statement *statement = findStatement(line->words[0]);
+
+        if (!statement && pass == 0) {
+            simTextAdd(out, "%s:%u: \"%.40s\" is no statement: allowed are db, init, signal, "
+                       "mirror, and key = value\n", plc->config->file, line->number,
+                       line->words[0]);
+            errors++;
+        } else if (statement && statement->pass == pass &&
+                   statement->fn(plc, line->words + 1, line->count - 1, error)) {
+            simTextAdd(out, "%s:%u: %s\n", plc->config->file, line->number, error);
+            errors++;
+        }
+    }
+    return errors;
+}
+
+static simBlock *wireBlock(simPlc *plc, unsigned number, size_t size, const char *name,
+                           simText *out, int *errors)
+{
+    simBlock *block;
+
+    if (!size)
+        return NULL;
+    block = simMemoryAdd(&plc->memory, SIM_AREA_DB, number, size, name);
+    if (!block) {
+        simTextAdd(out, "%s: IE_TX and IE_RX must have different DB numbers\n",
+                   plc->config->file);
+        (*errors)++;
+    }
+    return block;
+}
+
+int simPlcBuild(simPlc *plc, simLoop *loop, const simConfig *config, const char *name,
+                simText *out)
+{
+    int errors = 0;
+    size_t i;
+
+    memset(plc, 0, sizeof(*plc));
+    plc->loop = loop;
+    plc->config = config;
+    snprintf(plc->name, sizeof(plc->name), "%s", name);
+    plc->period = config->period;
+    simMemoryInit(&plc->memory, config->bigEndian);
+    simMemoryAdd(&plc->memory, SIM_AREA_I, 0, AREA_SIZE, NULL);
+    simMemoryAdd(&plc->memory, SIM_AREA_Q, 0, AREA_SIZE, NULL);
+    simMemoryAdd(&plc->memory, SIM_AREA_M, 0, AREA_SIZE, NULL);
+    plc->tx = wireBlock(plc, config->txDb, config->in, "IE_TX", out, &errors);
+    plc->rx = wireBlock(plc, config->rxDb, config->out, "IE_RX", out, &errors);
+    errors += runStatements(plc, 0, out);
+    errors += runStatements(plc, 1, out);
+    plc->historySize = config->out ? HISTORY_BYTES / config->out : 0;
+    if (plc->historySize > HISTORY_BLOCKS)
+        plc->historySize = HISTORY_BLOCKS;
+    plc->history = callocMustSucceed(plc->historySize + 1, sizeof(simReceived), "simPlcBuild");
+    for (i = 0; i < plc->historySize; i++)
+        plc->history[i].bytes = callocMustSucceed(1, config->out, "simPlcBuild");
+    return errors;
+}
+
+void simPlcFree(simPlc *plc)
+{
+    size_t i;
+
+    for (i = 0; i < plc->signalCount; i++)
+        simSignalFree(&plc->signals[i]);
+    for (i = 0; i < plc->historySize; i++)
+        free(plc->history[i].bytes);
+    free(plc->history);
+    free(plc->signals);
+    free(plc->mirrors);
+    simMemoryFree(&plc->memory);
+}
+
+/* ---- the cycle ---- */
+
+static void moveSignals(simPlc *plc)
+{
+    struct timespec wall;
+    simMoment moment;
+    size_t i;
+
+    clock_gettime(CLOCK_REALTIME, &wall);
+    moment.time = simNow() - plc->epoch;
+    moment.wall = (double)wall.tv_sec + (double)wall.tv_nsec * 1e-9;
+    moment.block = plc->block;
+    for (i = 0; i < plc->signalCount; i++) {
+        if (plc->freeze == freezeAll ||
+            (plc->freeze == freezeHeartbeat && simSignalIsCounter(&plc->signals[i])))
+            continue;
+        simSignalWrite(&plc->memory, &plc->signals[i], &moment);
+    }
+}
+
+static void makeBlock(simPlc *plc)
+{
+    plc->block++;
+    moveSignals(plc);
+    if (plc->tx)
+        simServerSend(&plc->server, plc->tx->bytes);
+}
+
+static void onCycle(void *arg)
+{
+    simPlc *plc = arg;
+    double now = simNow();
+
+    plc->next += plc->period;
+    if (plc->next < now - plc->period || plc->next > now + plc->period)
+        plc->next = now + plc->period;
+    simTimerSet(plc->loop, &plc->cycle, plc->next, onCycle, plc);
+    if (!plc->server.faults.flood || !simServerConnected(&plc->server))
+        makeBlock(plc);
+}
+
+static void onConnected(void *owner)
+{
+    (void)owner;
+}
+
+static void onDisconnected(void *owner, const char *reason)
+{
+    (void)owner;
+    (void)reason;
+}
+
+static void remember(simPlc *plc, const epicsUInt8 *block)
+{
+    simReceived *slot = &plc->history[plc->historyCount++ % plc->historySize];
+
+    slot->time = simNow();
+    memcpy(slot->bytes, block, plc->config->out);
+}
+
+static void takeMirrors(simPlc *plc)
+{
+    size_t i;
+
+    for (i = 0; i < plc->mirrorCount; i++)
+        memcpy(plc->tx->bytes + plc->mirrors[i].to, plc->rx->bytes + plc->mirrors[i].from,
+               plc->mirrors[i].length);
+}
+
+static void onReceived(void *owner, const epicsUInt8 *block)
+{
+    simPlc *plc = owner;
+
+    remember(plc, block);
+    if (plc->local)
+        return;
+    memcpy(plc->rx->bytes, block, plc->rx->size);
+    takeMirrors(plc);
+}
+
+static void onWantBlock(void *owner)
+{
+    makeBlock(owner);
+}
+
+static const simServerEvents serverEvents = {onConnected, onDisconnected, onReceived,
+                                             onWantBlock};
+
+int simPlcStart(simPlc *plc, const char *address, unsigned port)
+{
+    plc->server.keepFirst = plc->config->keepFirst;
+    plc->server.receiveBuffer = plc->config->receiveBuffer;
+    if (simServerOpen(&plc->server, plc->loop, plc->name, address, port, plc->config->in,
+                      plc->config->out, &serverEvents, plc))
+        return -1;
+    plc->epoch = plc->next = simNow();
+    onCycle(plc);
+    return 0;
+}
+
+void simPlcPeriod(simPlc *plc, double seconds)
+{
+    plc->period = seconds;
+    if (plc->off)
+        return;
+    plc->next = simNow();
+    simTimerSet(plc->loop, &plc->cycle, plc->next, onCycle, plc);
+}
+
+/* ---- restart, LOCAL ---- */
+
+static void onPower(void *arg)
+{
+    simPlc *plc = arg;
+
+    plc->off = 0;
+    plc->block = 0;
+    plc->epoch = plc->next = simNow();
+    simLog(plc->name, "restarted");
+    simServerPower(&plc->server, 1);
+    onCycle(plc);
+}
+
+static void clearMemory(simPlc *plc, int cold)
+{
+    simText out = {NULL, 0, 0};
+    char error[SIM_ERROR_SIZE];
+    size_t i;
+
+    for (i = 0; i < plc->memory.count; i++) {
+        simBlock *block = plc->memory.blocks[i];
+
+        if (cold || block == plc->tx || block == plc->rx)
+            memset(block->bytes, 0, block->size);
+    }
+    for (i = 0; cold && i < plc->config->lineCount; i++) {
+        const simLine *line = &plc->config->lines[i];
+        const struct statement *statement = findStatement(line->words[0]);
+
+        if (statement->atCold)
+            statement->fn(plc, line->words + 1, line->count - 1, error);
+    }
+    simTextFree(&out);
+}
+
+void simPlcRestart(simPlc *plc, double seconds, int cold)
+{
+    simLog(plc->name, "%s restart, off for %g ms", cold ? "cold" : "warm", seconds * 1e3);
+    plc->off = 1;
+    plc->restarts++;
+    simTimerStop(plc->loop, &plc->cycle);
+    simServerPower(&plc->server, 0);
+    clearMemory(plc, cold);
+    simTimerSet(plc->loop, &plc->power, simNow() + seconds, onPower, plc);
+}
+
+void simPlcLocal(simPlc *plc, int local)
+{
+    if (plc->local != local)
+        simLog(plc->name, local ? "LOCAL: the HMI has control" : "REMOTE");
+    plc->local = local;
+}

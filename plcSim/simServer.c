@@ -1,0 +1,665 @@
+/* simServer: the TCP side of one PLC: listens, serves one client, sends and receives blocks.
+ * It injects the faults of the wire. It does not know what is in a block.
+ *
+ * SPDX-License-Identifier: BSD-3-Clause
+ */
+#ifndef _GNU_SOURCE
+#define _GNU_SOURCE /* accept4 */
+#endif
+#include <arpa/inet.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <netdb.h>
+#include <netinet/tcp.h>
+#include <poll.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/uio.h>
+#include <unistd.h>
+
+#include <cantProceed.h>
+
+#include "simServer.h"
+
+#define BACKLOG 16
+#define MAX_QUEUED (4u * 1024 * 1024) /* bytes that `delay` may hold back */
+#define FLOOD_BATCH 65536u            /* bytes made ready per round of a flood */
+#define MAX_PARTS 64                  /* chunks that leave with one call */
+#define READ_ROUNDS 64                /* reads per call, so that a flood leaves time */
+
+/* Bytes on their way to the client. */
+typedef struct chunk {
+    ELLNODE node;
+    double due; /* s, simNow() scale: not before */
+    int isBlock;
+    size_t size, sent;
+    epicsUInt8 bytes[];
+} chunk;
+
+static void onListener(void *arg, int fd, short revents);
+static void onClient(void *arg, int fd, short revents);
+static void update(simServer *server);
+
+/* ---- addresses ---- */
+
+static const char *addressText(const struct sockaddr_in *address, char *text, size_t size)
+{
+    char ip[INET_ADDRSTRLEN] = "?";
+
+    inet_ntop(AF_INET, &address->sin_addr, ip, sizeof(ip));
+    snprintf(text, size, "%s:%u", ip, (unsigned)ntohs(address->sin_port));
+    return text;
+}
+
+const char *simServerAddress(const simServer *server)
+{
+    static char text[64];
+
+    return addressText(&server->address, text, sizeof(text));
+}
+
+static int resolve(const char *name, unsigned port, struct sockaddr_in *address)
+{
+    struct addrinfo hints;
+    struct addrinfo *found = NULL;
+
+    memset(&hints, 0, sizeof(hints));
+    hints.ai_family = AF_INET;
+    hints.ai_socktype = SOCK_STREAM;
+    if (getaddrinfo(name, NULL, &hints, &found) || !found)
+        return -1;
+    memcpy(address, found->ai_addr, sizeof(*address));
+    address->sin_port = htons((unsigned short)port);
+    freeaddrinfo(found);
+    return 0;
+}
+
+/* ---- listening ---- */
+
+static int bindSocket(simServer *server)
+{
+    socklen_t length = sizeof(server->address);
+    int on = 1;
+    int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+
+    if (fd < 0)
+        return -1;
+    setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof(on));
+    if (server->receiveBuffer)
+        setsockopt(fd, SOL_SOCKET, SO_RCVBUF, &server->receiveBuffer, sizeof(int));
+    if (bind(fd, (struct sockaddr *)&server->address, sizeof(server->address)) ||
+        getsockname(fd, (struct sockaddr *)&server->address, &length)) {
+        close(fd);
+        return -1;
+    }
+    return fd;
+}
+
+/* A socket that is bound but does not listen answers connects with RST and keeps the port. */
+static int listenAgain(simServer *server)
+{
+    int wanted = !server->down && !server->faults.refuse;
+
+    if (server->listener >= 0) {
+        simLoopForget(server->loop, server->listener);
+        close(server->listener);
+    }
+    server->listener = bindSocket(server);
+    if (server->listener < 0 || (wanted && listen(server->listener, BACKLOG))) {
+        simComplain(server->name, "cannot listen on %s: %s", simServerAddress(server),
+                    strerror(errno));
+        return -1;
+    }
+    if (wanted)
+        simLoopWatch(server->loop, server->listener, POLLIN, onListener, server);
+    return 0;
+}
+
+int simServerOpen(simServer *server, simLoop *loop, const char *name, const char *address,
+                  unsigned port, size_t inSize, size_t outSize, const simServerEvents *events,
+                  void *owner)
+{
+    int i;
+
+    server->loop = loop;
+    server->name = name;
+    server->events = events;
+    server->owner = owner;
+    server->inSize = inSize;
+    server->outSize = outSize;
+    server->listener = server->client = -1;
+    server->inbox = callocMustSucceed(1, outSize + 1, "simServerOpen");
+    ellInit(&server->queue);
+    for (i = 0; i < SIM_DECOYS; i++)
+        server->decoys[i] = -1;
+    server->faults.truncate = server->faults.cut = -1;
+    if (resolve(address, port, &server->address)) {
+        simComplain(name, "cannot find the address \"%s\"", address);
+        return -1;
+    }
+    return listenAgain(server);
+}
+
+static void dropQueue(simServer *server)
+{
+    chunk *c;
+
+    while ((c = (chunk *)ellGet(&server->queue)))
+        free(c);
+    server->queued = 0;
+}
+
+static void closeDecoys(simServer *server)
+{
+    int i;
+
+    for (i = 0; i < SIM_DECOYS; i++) {
+        if (server->decoys[i] >= 0)
+            close(server->decoys[i]);
+        server->decoys[i] = -1;
+    }
+}
+
+void simServerClose(simServer *server)
+{
+    simTimerStop(server->loop, &server->timer);
+    if (server->client >= 0) {
+        simLoopForget(server->loop, server->client);
+        close(server->client);
+    }
+    if (server->listener >= 0) {
+        simLoopForget(server->loop, server->listener);
+        close(server->listener);
+    }
+    server->client = server->listener = -1;
+    closeDecoys(server);
+    dropQueue(server);
+    free(server->inbox);
+    server->inbox = NULL;
+}
+
+/* ---- connection ---- */
+
+int simServerConnected(const simServer *server)
+{
+    return server->client >= 0;
+}
+
+int simServerBusy(const simServer *server)
+{
+    return ellCount((ELLLIST *)&server->queue) > 0;
+}
+
+/* Reads away what is there, since close() with unread bytes sends RST instead of FIN. */
+static void drain(int fd)
+{
+    char junk[4096];
+    int rounds = 1000;
+
+    while (rounds-- > 0 && recv(fd, junk, sizeof(junk), MSG_DONTWAIT) > 0)
+        ;
+}
+
+void simServerDrop(simServer *server, int reset, const char *reason)
+{
+    struct linger linger = {1, 0};
+    int fd = server->client;
+
+    if (fd < 0)
+        return;
+    simLoopForget(server->loop, fd);
+    server->client = -1;
+    simTimerStop(server->loop, &server->timer);
+    dropQueue(server);
+    if (reset) {
+        setsockopt(fd, SOL_SOCKET, SO_LINGER, &linger, sizeof(linger));
+    } else {
+        shutdown(fd, SHUT_WR);
+        drain(fd);
+    }
+    close(fd);
+    if (server->filled)
+        simLog(server->name, "%lu bytes of a block were left over",
+               (unsigned long)server->filled);
+    server->filled = 0;
+    simLog(server->name, "connection from %s ended: %s", server->peer, reason);
+    server->events->disconnected(server->owner, reason);
+}
+
+static void takeClient(simServer *server, int fd, const struct sockaddr_in *peer)
+{
+    int on = 1;
+
+    addressText(peer, server->peer, sizeof(server->peer));
+    setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof(on));
+    server->client = fd;
+    server->filled = 0;
+    server->nextPiece = 0;
+    server->connectTime = simNow();
+    server->counts.connections++;
+    simLog(server->name, "connection from %s", server->peer);
+    update(server);
+    server->events->connected(server->owner);
+}
+
+/* Our own connections, which filled the queue while unplugged, are no clients. */
+static int isDecoy(simServer *server, const struct sockaddr_in *peer)
+{
+    struct sockaddr_in own;
+    socklen_t length;
+    int i;
+
+    for (i = 0; i < SIM_DECOYS; i++) {
+        length = sizeof(own);
+        if (server->decoys[i] >= 0 &&
+            getsockname(server->decoys[i], (struct sockaddr *)&own, &length) == 0 &&
+            own.sin_port == peer->sin_port && own.sin_addr.s_addr == peer->sin_addr.s_addr)
+            return 1;
+    }
+    return 0;
+}
+
+static void acceptAll(simServer *server)
+{
+    struct sockaddr_in peer;
+    socklen_t length = sizeof(peer);
+    int fd;
+
+    while ((fd = accept4(server->listener, (struct sockaddr *)&peer, &length,
+                         SOCK_CLOEXEC | SOCK_NONBLOCK)) >= 0) {
+        length = sizeof(peer);
+        if (isDecoy(server, &peer)) {
+            close(fd);
+            continue;
+        }
+        if (server->client >= 0 && server->keepFirst) {
+            simLog(server->name, "second connection sent away");
+            close(fd);
+            continue;
+        }
+        simServerDrop(server, 0, "replaced by a new connection");
+        takeClient(server, fd, &peer);
+    }
+}
+
+static void onListener(void *arg, int fd, short revents)
+{
+    (void)fd;
+    (void)revents;
+    acceptAll(arg);
+}
+
+/* ---- sending ---- */
+
+static chunk *addChunk(simServer *server, size_t size)
+{
+    chunk *c = mallocMustSucceed(sizeof(*c) + size, "simServerSend");
+
+    memset(c, 0, sizeof(*c));
+    c->size = size;
+    c->due = server->faults.delay > 0 ? simNow() + server->faults.delay : 0;
+    ellAdd(&server->queue, &c->node);
+    server->queued += size;
+    return c;
+}
+
+static int maySend(const simServer *server)
+{
+    return server->client >= 0 && !server->faults.silence && !server->faults.unplugged;
+}
+
+int simServerSend(simServer *server, const epicsUInt8 *block)
+{
+    size_t size = server->faults.truncate >= 0 ? (size_t)server->faults.truncate : server->inSize;
+    int full = server->faults.delay > 0 ? server->queued + size > MAX_QUEUED
+               : server->faults.flood   ? server->queued >= FLOOD_BATCH
+                                        : simServerBusy(server);
+    chunk *c;
+
+    if (!maySend(server) || size == 0)
+        return -1;
+    if (full) {
+        server->counts.blocksSkipped++;
+        return -1;
+    }
+    c = addChunk(server, size);
+    c->isBlock = 1;
+    memcpy(c->bytes, block, size < server->inSize ? size : server->inSize);
+    if (size > server->inSize)
+        memset(c->bytes + server->inSize, 0, size - server->inSize);
+    update(server);
+    return 0;
+}
+
+int simServerGarbage(simServer *server, size_t n)
+{
+    chunk *c;
+    size_t i;
+
+    if (server->client < 0 || server->queued + n > MAX_QUEUED)
+        return -1;
+    c = addChunk(server, n);
+    for (i = 0; i < n; i++)
+        c->bytes[i] = (epicsUInt8)(rand() >> 7);
+    update(server);
+    return 0;
+}
+
+/* When a chunk may go on: 0 = now. */
+static double notBefore(const simServer *server, const chunk *c)
+{
+    double when = c->due;
+
+    if (server->faults.fragment && server->nextPiece > when)
+        when = server->nextPiece;
+    return when;
+}
+
+/* Lists the bytes that may leave with one call: one piece, or all that is due. */
+static size_t gather(simServer *server, struct iovec *parts, double now)
+{
+    chunk *c = (chunk *)ellFirst(&server->queue);
+    size_t limit = server->faults.fragment;
+    size_t count = 0;
+
+    for (; c && count < MAX_PARTS && notBefore(server, c) <= now;
+         c = (chunk *)ellNext(&c->node)) {
+        parts[count].iov_base = c->bytes + c->sent;
+        parts[count].iov_len = c->size - c->sent;
+        if (limit && parts[count].iov_len > limit)
+            parts[count].iov_len = limit;
+        count++;
+        if (limit)
+            break;
+    }
+    return count;
+}
+
+/* Takes bytes that left from the queue. */
+static void consume(simServer *server, size_t sent)
+{
+    chunk *c;
+
+    server->counts.bytesSent += sent;
+    while (sent && (c = (chunk *)ellFirst(&server->queue))) {
+        size_t n = c->size - c->sent < sent ? c->size - c->sent : sent;
+
+        c->sent += n;
+        sent -= n;
+        if (c->sent < c->size)
+            return;
+        server->counts.blocksSent += (epicsUInt64)c->isBlock;
+        server->queued -= c->size;
+        ellDelete(&server->queue, &c->node);
+        free(c);
+    }
+}
+
+/* Sends what may leave now. Returns -1 when the connection broke (and was dropped). */
+static int pump(simServer *server)
+{
+    struct iovec parts[MAX_PARTS];
+    struct msghdr message;
+    ssize_t sent;
+    double now;
+
+    while (maySend(server)) {
+        now = simNow();
+        memset(&message, 0, sizeof(message));
+        message.msg_iov = parts;
+        message.msg_iovlen = gather(server, parts, now);
+        if (!message.msg_iovlen)
+            return 0;
+        sent = sendmsg(server->client, &message, MSG_NOSIGNAL | MSG_DONTWAIT);
+        if (sent < 0) {
+            if (errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR)
+                return 0;
+            simServerDrop(server, 1, strerror(errno));
+            return -1;
+        }
+        consume(server, (size_t)sent);
+        if (server->faults.fragment)
+            server->nextPiece = now + server->faults.fragmentPause;
+    }
+    return 0;
+}
+
+static void onTimer(void *arg)
+{
+    update(arg);
+}
+
+/* Sends what may leave now, then asks the loop for what is still needed. */
+static void update(simServer *server)
+{
+    short events = 0;
+    chunk *c;
+
+    if (server->corked || pump(server) || server->client < 0)
+        return;
+    simTimerStop(server->loop, &server->timer);
+    if (!server->faults.stall && !server->faults.unplugged)
+        events |= POLLIN;
+    if (maySend(server)) {
+        c = (chunk *)ellFirst(&server->queue);
+        if (c && notBefore(server, c) > simNow())
+            simTimerSet(server->loop, &server->timer, notBefore(server, c), onTimer, server);
+        else if (c || server->faults.flood)
+            events |= POLLOUT;
+    }
+    simLoopWatch(server->loop, server->client, events, onClient, server);
+}
+
+/* Asks for blocks until a batch is ready; they leave together. */
+static void makeFlood(simServer *server)
+{
+    size_t before;
+
+    server->corked = 1;
+    while (server->queued < FLOOD_BATCH) {
+        before = server->queued;
+        server->events->wantBlock(server->owner);
+        if (server->queued == before)
+            break;
+    }
+    server->corked = 0;
+}
+
+/* ---- receiving ---- */
+
+/* Copies received bytes into blocks; tells the owner of each complete one. */
+static void sortBytes(simServer *server, const epicsUInt8 *bytes, size_t count)
+{
+    int client = server->client;
+
+    server->counts.bytesReceived += count;
+    server->receiveTime = simNow();
+    while (count && server->outSize && server->client == client) {
+        size_t n = server->outSize - server->filled;
+
+        if (n > count)
+            n = count;
+        memcpy(server->inbox + server->filled, bytes, n);
+        server->filled += n;
+        bytes += n;
+        count -= n;
+        if (server->filled < server->outSize)
+            return;
+        server->filled = 0;
+        server->counts.blocksReceived++;
+        server->events->received(server->owner, server->inbox);
+    }
+}
+
+/* One recv(). Returns 1 when there may be more. */
+static int receiveSome(simServer *server)
+{
+    static epicsUInt8 buffer[65536];
+    size_t room = sizeof(buffer);
+    ssize_t n;
+
+    if (server->faults.cut >= 0 && (size_t)server->faults.cut < room)
+        room = (size_t)server->faults.cut;
+    n = room ? recv(server->client, buffer, room, MSG_DONTWAIT) : 0;
+    if (n > 0) {
+        if (server->faults.cut >= 0)
+            server->faults.cut -= (long)n;
+        sortBytes(server, buffer, (size_t)n);
+    }
+    if (server->faults.cut == 0) {
+        server->faults.cut = -1;
+        simServerDrop(server, 1, "cut");
+        return 0;
+    }
+    if (n == 0)
+        simServerDrop(server, 0, "closed by the IOC");
+    else if (n < 0 && errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR)
+        simServerDrop(server, 1, strerror(errno));
+    return n > 0;
+}
+
+static void onClient(void *arg, int fd, short revents)
+{
+    simServer *server = arg;
+    int rounds = READ_ROUNDS;
+
+    /* A pulled cable hides the end of the connection too; do not spin on it. */
+    if ((server->faults.unplugged || server->faults.stall) && !(revents & POLLOUT)) {
+        if (revents & (POLLHUP | POLLERR))
+            simServerDrop(server, 1, "ended by the IOC");
+        return;
+    }
+    if (revents & (POLLIN | POLLHUP | POLLERR))
+        while (rounds-- > 0 && server->client == fd && receiveSome(server))
+            ;
+    if (server->client != fd)
+        return;
+    if (revents & POLLOUT && server->faults.flood && server->queued < FLOOD_BATCH)
+        makeFlood(server);
+    update(server);
+}
+
+/* ---- faults ---- */
+
+void simServerPower(simServer *server, int on)
+{
+    server->down = !on;
+    if (!on)
+        simServerDrop(server, 1, "PLC off");
+    listenAgain(server);
+}
+
+void simServerSilence(simServer *server, int on)
+{
+    server->faults.silence = on;
+    update(server);
+}
+
+void simServerRefuse(simServer *server, int on)
+{
+    server->faults.refuse = on;
+    listenAgain(server);
+}
+
+void simServerStall(simServer *server, int on)
+{
+    server->faults.stall = on;
+    update(server);
+}
+
+void simServerFlood(simServer *server, int on)
+{
+    server->faults.flood = on;
+    update(server);
+}
+
+void simServerDelay(simServer *server, double seconds)
+{
+    server->faults.delay = seconds;
+    update(server);
+}
+
+void simServerFragment(simServer *server, size_t bytes, double pause)
+{
+    server->faults.fragment = bytes;
+    server->faults.fragmentPause = pause;
+    server->nextPiece = 0;
+    update(server);
+}
+
+/* With a full accept queue the kernel drops a SYN without an answer, which is what a pulled
+ * cable looks like from the other end. We fill the queue with connections of our own. */
+static void fillQueue(simServer *server)
+{
+    int i;
+
+    listen(server->listener, 0);
+    for (i = 0; i < SIM_DECOYS; i++) {
+        server->decoys[i] = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+        if (server->decoys[i] >= 0)
+            connect(server->decoys[i], (struct sockaddr *)&server->address,
+                    sizeof(server->address));
+    }
+}
+
+void simServerUnplug(simServer *server, int on)
+{
+    if (server->faults.unplugged == on)
+        return;
+    server->faults.unplugged = on;
+    if (!server->down && !server->faults.refuse && server->listener >= 0) {
+        if (on) {
+            simLoopWatch(server->loop, server->listener, 0, onListener, server);
+            fillQueue(server);
+        } else {
+            listen(server->listener, BACKLOG);
+            acceptAll(server);
+            simLoopWatch(server->loop, server->listener, POLLIN, onListener, server);
+        }
+    }
+    if (!on)
+        closeDecoys(server);
+    update(server);
+}
+
+void simServerClearFaults(simServer *server)
+{
+    int refused = server->faults.refuse;
+
+    simServerUnplug(server, 0);
+    memset(&server->faults, 0, sizeof(server->faults));
+    server->faults.truncate = server->faults.cut = -1;
+    if (refused)
+        listenAgain(server);
+    update(server);
+}
+
+void simServerFaultText(const simServer *server, simText *out)
+{
+    const simFaults *f = &server->faults;
+    size_t before = out->length;
+
+    if (f->unplugged)
+        simTextAdd(out, " unplugged");
+    if (f->silence)
+        simTextAdd(out, " silence");
+    if (f->refuse)
+        simTextAdd(out, " refuse");
+    if (f->stall)
+        simTextAdd(out, " stall");
+    if (f->flood)
+        simTextAdd(out, " flood");
+    if (f->fragment)
+        simTextAdd(out, " fragment=%lu/%gms", (unsigned long)f->fragment,
+                   f->fragmentPause * 1e3);
+    if (f->delay > 0)
+        simTextAdd(out, " delay=%gms", f->delay * 1e3);
+    if (f->truncate >= 0)
+        simTextAdd(out, " truncate=%ld", f->truncate);
+    if (f->cut >= 0)
+        simTextAdd(out, " cut=%ld", f->cut);
+    if (out->length == before)
+        simTextAdd(out, " none");
+}

@@ -1,0 +1,109 @@
+/* simServer: the TCP side of one PLC: listens, serves one client, sends and receives blocks.
+ * It injects the faults of the wire. It does not know what is in a block.
+ *
+ * All functions run in the thread of the loop and never block.
+ *
+ * SPDX-License-Identifier: BSD-3-Clause
+ */
+#ifndef INC_simServer_H
+#define INC_simServer_H
+
+#include <netinet/in.h>
+
+#include "simLog.h"
+#include "simLoop.h"
+#include "simMemory.h"
+
+/* What the server tells its owner. */
+typedef struct simServerEvents {
+    void (*connected)(void *owner);
+    void (*disconnected)(void *owner, const char *reason);
+    /* outSize bytes from the IOC */
+    void (*received)(void *owner, const epicsUInt8 *block);
+    /* flood: the socket takes more, give it a block */
+    void (*wantBlock)(void *owner);
+} simServerEvents;
+
+typedef struct simFaults {
+    int silence;          /* send nothing */
+    int refuse;           /* new connections get RST */
+    int stall;            /* read nothing: the client's send backs up */
+    int unplugged;        /* cable pulled: send and read nothing, new connections get no answer */
+    int flood;            /* send as fast as the socket takes */
+    size_t fragment;      /* send pieces of this many bytes, 0 = off */
+    double fragmentPause; /* s between pieces */
+    double delay;         /* s that each block leaves late */
+    long truncate;        /* send blocks of this many bytes, -1 = off */
+    long cut;             /* reset the connection after so many received bytes, -1 = off */
+} simFaults;
+
+typedef struct simServerCounts {
+    epicsUInt64 connections;
+    epicsUInt64 blocksSent, bytesSent, blocksSkipped;
+    epicsUInt64 blocksReceived, bytesReceived;
+} simServerCounts;
+
+#define SIM_DECOYS 8
+
+typedef struct simServer {
+    simLoop *loop;
+    const char *name;
+    const simServerEvents *events;
+    void *owner;
+    size_t inSize, outSize; /* bytes PLC->IOC and IOC->PLC */
+    int keepFirst;          /* a second client is sent away instead of replacing the first */
+    int receiveBuffer;      /* bytes for SO_RCVBUF, 0 = system default */
+    struct sockaddr_in address;
+    int listener, client;   /* descriptors, -1 = none */
+    int down;               /* PLC is off */
+    char peer[64];
+    ELLLIST queue;          /* what is to be sent */
+    size_t queued;          /* bytes in it */
+    int corked;             /* blocks are being collected, to leave together */
+    double nextPiece;       /* fragment: not before */
+    simTimer timer;
+    epicsUInt8 *inbox;      /* the block that is arriving */
+    size_t filled;
+    double connectTime, receiveTime;
+    simFaults faults;
+    simServerCounts counts;
+    int decoys[SIM_DECOYS]; /* own connections that fill the accept queue while unplugged */
+} simServer;
+
+/* Starts listening on address:port (0 = any free port). Returns 0, or -1 after a message.
+ * name, events and owner must outlive the server. */
+int simServerOpen(simServer *server, simLoop *loop, const char *name, const char *address,
+                  unsigned port, size_t inSize, size_t outSize, const simServerEvents *events,
+                  void *owner);
+void simServerClose(simServer *server);
+
+/* "127.0.0.1:40123"; static text. */
+const char *simServerAddress(const simServer *server);
+int simServerConnected(const simServer *server);
+/* True while a block is not yet completely with the kernel. */
+int simServerBusy(const simServer *server);
+
+/* Queues a block of inSize bytes. While the last one is still leaving, the new one is
+ * skipped and counted, as a PLC's SEND does. Returns 0 when queued. */
+int simServerSend(simServer *server, const epicsUInt8 *block);
+/* Sends n random bytes between two blocks. Returns -1 when not connected. */
+int simServerGarbage(simServer *server, size_t n);
+
+/* Ends the connection with FIN, or with RST. The owner is told. */
+void simServerDrop(simServer *server, int reset, const char *reason);
+/* PLC off: connection reset, no listening. PLC on again. */
+void simServerPower(simServer *server, int on);
+
+void simServerSilence(simServer *server, int on);
+void simServerRefuse(simServer *server, int on);
+void simServerStall(simServer *server, int on);
+void simServerFlood(simServer *server, int on);
+void simServerUnplug(simServer *server, int on);
+void simServerDelay(simServer *server, double seconds);
+void simServerFragment(simServer *server, size_t bytes, double pause);
+/* Everything above back to normal. */
+void simServerClearFaults(simServer *server);
+/* Adds " silence, fragment 3 bytes every 10 ms" or " none". */
+void simServerFaultText(const simServer *server, simText *out);
+
+#endif
