@@ -110,7 +110,8 @@ static void showPlc(call *c, simPlc *plc)
     simTextAdd(out, "received: %llu blocks, %llu bytes\n", (unsigned long long)n->blocksReceived,
                (unsigned long long)n->bytesReceived);
     simTextAdd(out, "restarts: %u\n", plc->restarts);
-    simTextAdd(out, "faults:");
+    simProgramStatus(&plc->program, out);
+    simTextAdd(out, "faults:%s", plc->program.refuseSync ? " refuse-sync" : "");
     simServerFaultText(server, out);
     simTextAdd(out, "\n");
 }
@@ -193,6 +194,17 @@ static int doReceived(call *c)
     return 0;
 }
 
+/* hmi [receive|check] <address> [type] <value> */
+static int doHmi(call *c)
+{
+    simPoint point = !strcasecmp(c->words[0], "receive") ? pointReceive
+                     : !strcasecmp(c->words[0], "check") ? pointCheck
+                                                         : pointNone;
+    int named = point != pointNone;
+
+    return simPlcHmi(c->plc, point, c->words + named, c->count - (size_t)named, c->error);
+}
+
 /* ---- faults ---- */
 
 static int doSilence(call *c)
@@ -207,10 +219,17 @@ static int doSilence(call *c)
 
 static int doRefuse(call *c)
 {
+    int sync = c->count && !strcasecmp(c->words[0], "sync");
     int on;
 
+    c->words += sync;
+    c->count -= (size_t)sync;
     if (onOff(c, &on))
         return -1;
+    if (sync) {
+        c->plc->program.refuseSync = on;
+        return 0;
+    }
     simServerRefuse(&c->plc->server, on);
     return 0;
 }
@@ -313,6 +332,7 @@ static int doGarbage(call *c)
 static int doNormal(call *c)
 {
     c->plc->freeze = freezeNothing;
+    c->plc->program.refuseSync = 0;
     simServerClearFaults(&c->plc->server);
     return 0;
 }
@@ -433,6 +453,8 @@ static const struct command {
     {"get", 1, 3, doGet, 0, "<address> [type]", "a value in PLC memory: get in 4 INT16"},
     {"set", 2, SIM_MAX_WORDS, doSet, 1, "<address> [type] <value> ...",
      "change it: set DB10.DBW4 5"},
+    {"hmi", 2, SIM_MAX_WORDS, doHmi, 0, "[receive|check] <address> [type] <value>",
+     "the HMI sets a value, now or at that moment"},
     {"dump", 1, 1, doDump, 0, "in|out|<block>", "all bytes of a block"},
     {"received", 0, 1, doReceived, 0, "[n]", "number of blocks from the IOC and the last n"},
     {"signal", 3, SIM_MAX_WORDS, doStatement, 1, "<address> <type> <kind> ...",
@@ -443,7 +465,7 @@ static const struct command {
     {"silence", 0, 1, doSilence, 1, "[on|off]", "send nothing"},
     {"close", 0, 0, doClose, 1, "", "end the connection with FIN"},
     {"reset", 0, 0, doReset, 1, "", "end the connection with RST"},
-    {"refuse", 0, 2, doRefuse, 1, "[on|off]", "refuse new connections"},
+    {"refuse", 0, 2, doRefuse, 1, "[sync] [on|off]", "refuse new connections, or SYNC"},
     {"stall", 0, 1, doStall, 1, "[on|off]", "read nothing"},
     {"unplug", 0, 1, doUnplug, 1, "[n]", "pull the network cable of PLC n"},
     {"plug", 0, 1, doPlug, 1, "[n]", "put it back"},

@@ -62,6 +62,20 @@ static const struct key {
      "how long `restart` keeps the PLC off"},
     {"ie_tx", keyUnsigned, AT(txDb), 1, 65535, "1", NULL, "DB number of the block to the IOC"},
     {"ie_rx", keyUnsigned, AT(rxDb), 1, 65535, "2", NULL, "DB number of the block from the IOC"},
+    {"tx_ptrs", keyUnsigned, AT(txPtrsDb), 1, 65535, "3", NULL, "DB number of DB_TX_PTRS"},
+    {"rx_ptrs", keyUnsigned, AT(rxPtrsDb), 1, 65535, "4", NULL, "DB number of DB_RX_PTRS"},
+    {"mode", keyChoice, AT(local), 0, 0, "remote", "remote|local", "who has control at start"},
+    {"sync", keyChoice, AT(sync), 0, 0, "off", "off|on",
+     "blocks begin with the header of the sync handshake"},
+    {"layout", keyUnsigned, AT(layout), 0, 65535, "0", NULL, "layout id, 0 = not checked"},
+    {"watchdog", keyTime, AT(watchdog), 0, 3600, "3 s", NULL,
+     "sync: SYNC falls after this time without a block, 0 = never"},
+    {"sendwatchdog", keyTime, AT(sendWatchdog), 0, 3600, "10 s", NULL,
+     "a block that does not leave ends the connection, 0 = never"},
+    {"unpack", keyChoice, AT(unpack), 0, 0, "all", "all|changed|merge",
+     "sync: what is taken from a block"},
+    {"resync", keyChoice, AT(resync), 0, 0, "on", "off|on",
+     "sync: from LOCAL to REMOTE, SYNC falls"},
 #undef AT
 };
 

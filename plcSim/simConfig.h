@@ -34,7 +34,10 @@ typedef struct simConfig {
     int keepFirst;
     int receiveBuffer; /* bytes, 0 = default */
     double restartTime;
-    unsigned txDb, rxDb;
+    unsigned txDb, rxDb, txPtrsDb, rxPtrsDb;
+    int sync, unpack, resync, local;
+    unsigned layout;
+    double watchdog, sendWatchdog; /* s, 0 = none */
     simLine *lines;
     size_t lineCount;
 } simConfig;

@@ -11,6 +11,7 @@
 #include <time.h>
 
 #include <cantProceed.h>
+#include <epicsString.h>
 
 #include "simPlc.h"
 
@@ -68,6 +69,8 @@ static int addMirror(simPlc *plc, char **words, size_t count, char error[SIM_ERR
     if (count != 4 || strcmp(words[2], "->") || sizeArg(words[0], &m.from) ||
         sizeArg(words[1], &m.length) || sizeArg(words[3], &m.to))
         return fail(error, "a mirror wants: <offset in out> <length> -> <offset in in>");
+    if (plc->config->sync)
+        return fail(error, "no mirror with sync = on: use tx and rx");
     if (m.length < 1 || m.from > plc->config->out || m.length > plc->config->out - m.from)
         return fail(error, "mirror: %lu bytes at offset %lu are outside of the %lu bytes of out",
                     (unsigned long)m.length, (unsigned long)m.from,
@@ -79,6 +82,16 @@ static int addMirror(simPlc *plc, char **words, size_t count, char error[SIM_ERR
     plc->mirrors = grow(plc->mirrors, plc->mirrorCount, sizeof(simMirror));
     plc->mirrors[plc->mirrorCount++] = m;
     return 0;
+}
+
+static int addTx(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE])
+{
+    return simProgramTransfer(&plc->program, 1, words, count, error);
+}
+
+static int addRx(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE])
+{
+    return simProgramTransfer(&plc->program, 0, words, count, error);
 }
 
 /* db <number> <bytes> [name] */
@@ -158,6 +171,8 @@ static const struct statement {
     {"init",   simPlcSet, 1, 1, 0},
     {"signal", addSignal, 1, 0, 1},
     {"mirror", addMirror, 1, 0, 1},
+    {"tx",     addTx,     1, 0, 0},
+    {"rx",     addRx,     1, 0, 0},
 };
 
 static const struct statement *findStatement(const char *name)
@@ -191,7 +206,7 @@ static int runStatements(simPlc *plc, int pass, simText *out)
 
         if (!statement && pass == 0) {
             simTextAdd(out, "%s:%u: \"%.40s\" is no statement: allowed are db, init, signal, "
-                       "mirror, and key = value\n", plc->config->file, line->number,
+                       "mirror, tx, rx, and key = value\n", plc->config->file, line->number,
                        line->words[0]);
             errors++;
         } else if (statement && statement->pass == pass &&
@@ -219,32 +234,78 @@ static simBlock *wireBlock(simPlc *plc, unsigned number, size_t size, const char
     return block;
 }
 
+static void hmiActs(void *arg, simPoint point);
+
+static void setUpProgram(simPlc *plc)
+{
+    const simConfig *config = plc->config;
+    simProgram *program = &plc->program;
+
+    program->name = plc->name;
+    program->memory = &plc->memory;
+    program->tx = plc->tx;
+    program->rx = plc->rx;
+    program->sync = config->sync;
+    program->layout = config->layout;
+    program->watchdog = config->watchdog;
+    program->unpackMode = (simUnpack)config->unpack;
+    program->resync = config->resync;
+    program->interfere = hmiActs;
+    program->arg = plc;
+}
+
+static void makeHistory(simPlc *plc)
+{
+    size_t size = plc->config->out;
+    size_t i;
+
+    plc->historySize = size ? HISTORY_BYTES / size : 0;
+    if (plc->historySize > HISTORY_BLOCKS)
+        plc->historySize = HISTORY_BLOCKS;
+    plc->history = callocMustSucceed(plc->historySize + 1, sizeof(simReceived), "simPlcBuild");
+    for (i = 0; i < plc->historySize; i++)
+        plc->history[i].bytes = callocMustSucceed(1, size, "simPlcBuild");
+}
+
 int simPlcBuild(simPlc *plc, simLoop *loop, const simConfig *config, const char *name,
                 simText *out)
 {
+    char error[SIM_ERROR_SIZE];
     int errors = 0;
-    size_t i;
 
     memset(plc, 0, sizeof(*plc));
     plc->loop = loop;
     plc->config = config;
     snprintf(plc->name, sizeof(plc->name), "%s", name);
     plc->period = config->period;
+    plc->local = config->local;
     simMemoryInit(&plc->memory, config->bigEndian);
     simMemoryAdd(&plc->memory, SIM_AREA_I, 0, AREA_SIZE, NULL);
     simMemoryAdd(&plc->memory, SIM_AREA_Q, 0, AREA_SIZE, NULL);
     simMemoryAdd(&plc->memory, SIM_AREA_M, 0, AREA_SIZE, NULL);
     plc->tx = wireBlock(plc, config->txDb, config->in, "IE_TX", out, &errors);
     plc->rx = wireBlock(plc, config->rxDb, config->out, "IE_RX", out, &errors);
+    setUpProgram(plc);
     errors += runStatements(plc, 0, out);
     errors += runStatements(plc, 1, out);
-    plc->historySize = config->out ? HISTORY_BYTES / config->out : 0;
-    if (plc->historySize > HISTORY_BLOCKS)
-        plc->historySize = HISTORY_BLOCKS;
-    plc->history = callocMustSucceed(plc->historySize + 1, sizeof(simReceived), "simPlcBuild");
-    for (i = 0; i < plc->historySize; i++)
-        plc->history[i].bytes = callocMustSucceed(1, config->out, "simPlcBuild");
+    if (simProgramInit(&plc->program, config->txPtrsDb, config->rxPtrsDb, error)) {
+        simTextAdd(out, "%s: %s\n", config->file, error);
+        errors++;
+    }
+    makeHistory(plc);
     return errors;
+}
+
+static void forgetHmi(simPlc *plc)
+{
+    size_t i;
+
+    for (i = 0; i < plc->hmiCount; i++)
+        free(plc->hmiWords[i]);
+    free(plc->hmiWords);
+    plc->hmiWords = NULL;
+    plc->hmiCount = 0;
+    plc->hmiPoint = pointNone;
 }
 
 void simPlcFree(simPlc *plc)
@@ -258,6 +319,8 @@ void simPlcFree(simPlc *plc)
     free(plc->history);
     free(plc->signals);
     free(plc->mirrors);
+    forgetHmi(plc);
+    simProgramFree(&plc->program);
     simMemoryFree(&plc->memory);
 }
 
@@ -281,12 +344,59 @@ static void moveSignals(simPlc *plc)
     }
 }
 
+static void onWatch(void *arg);
+
+/* One call of the PLC program, and a look at the clock when its watchdog would expire. */
+static void callProgram(simPlc *plc, int send, const epicsUInt8 *received)
+{
+    simProgram *program = &plc->program;
+    simInputs in;
+
+    in.now = simNow();
+    in.connected = simServerConnected(&plc->server);
+    in.remote = !plc->local;
+    in.send = send;
+    in.received = received;
+    IE_COMMS(program, &in);
+    if (program->sync && program->watchdog > 0 && in.connected && !program->timedOut)
+        simTimerSet(plc->loop, &plc->watch, program->lastBlock + program->watchdog, onWatch, plc);
+    else
+        simTimerStop(plc->loop, &plc->watch);
+}
+
+static void onWatch(void *arg)
+{
+    callProgram(arg, 0, NULL);
+}
+
+/* While SEND is busy nothing is made, so that counters count what was sent. */
 static void makeBlock(simPlc *plc)
 {
+    if (simServerConnected(&plc->server) && !simServerReady(&plc->server)) {
+        simServerSend(&plc->server, plc->tx ? plc->tx->bytes : NULL);
+        return;
+    }
     plc->block++;
+    plc->program.counterFrozen = plc->freeze != freezeNothing;
     moveSignals(plc);
+    callProgram(plc, 1, NULL);
     if (plc->tx)
         simServerSend(&plc->server, plc->tx->bytes);
+}
+
+/* SEND watchdog: a block that does not leave ends the connection. */
+static void watchSend(simPlc *plc, double now)
+{
+    simServer *server = &plc->server;
+
+    if (!simServerBusy(server) || server->counts.bytesSent != plc->sentBytes ||
+        server->faults.silence || server->faults.unplugged || server->faults.delay > 0) {
+        plc->sentBytes = server->counts.bytesSent;
+        plc->sentTime = now;
+        return;
+    }
+    if (plc->config->sendWatchdog > 0 && now - plc->sentTime > plc->config->sendWatchdog)
+        simServerDrop(server, 1, "SEND watchdog: the IOC does not read");
 }
 
 static void onCycle(void *arg)
@@ -298,19 +408,20 @@ static void onCycle(void *arg)
     if (plc->next < now - plc->period || plc->next > now + plc->period)
         plc->next = now + plc->period;
     simTimerSet(plc->loop, &plc->cycle, plc->next, onCycle, plc);
+    watchSend(plc, now);
     if (!plc->server.faults.flood || !simServerConnected(&plc->server))
         makeBlock(plc);
 }
 
 static void onConnected(void *owner)
 {
-    (void)owner;
+    callProgram(owner, 0, NULL);
 }
 
 static void onDisconnected(void *owner, const char *reason)
 {
-    (void)owner;
     (void)reason;
+    callProgram(owner, 0, NULL);
 }
 
 static void remember(simPlc *plc, const epicsUInt8 *block)
@@ -335,10 +446,9 @@ static void onReceived(void *owner, const epicsUInt8 *block)
     simPlc *plc = owner;
 
     remember(plc, block);
-    if (plc->local)
-        return;
-    memcpy(plc->rx->bytes, block, plc->rx->size);
-    takeMirrors(plc);
+    callProgram(plc, 0, block);
+    if (!plc->local)
+        takeMirrors(plc);
 }
 
 static void onWantBlock(void *owner)
@@ -386,7 +496,6 @@ static void onPower(void *arg)
 
 static void clearMemory(simPlc *plc, int cold)
 {
-    simText out = {NULL, 0, 0};
     char error[SIM_ERROR_SIZE];
     size_t i;
 
@@ -403,7 +512,8 @@ static void clearMemory(simPlc *plc, int cold)
         if (statement->atCold)
             statement->fn(plc, line->words + 1, line->count - 1, error);
     }
-    simTextFree(&out);
+    if (cold)
+        simProgramFillTables(&plc->program);
 }
 
 void simPlcRestart(simPlc *plc, double seconds, int cold)
@@ -413,6 +523,8 @@ void simPlcRestart(simPlc *plc, double seconds, int cold)
     plc->restarts++;
     simTimerStop(plc->loop, &plc->cycle);
     simServerPower(&plc->server, 0);
+    simTimerStop(plc->loop, &plc->watch);
+    simProgramRestart(&plc->program);
     clearMemory(plc, cold);
     simTimerSet(plc->loop, &plc->power, simNow() + seconds, onPower, plc);
 }
@@ -422,4 +534,52 @@ void simPlcLocal(simPlc *plc, int local)
     if (plc->local != local)
         simLog(plc->name, local ? "LOCAL: the HMI has control" : "REMOTE");
     plc->local = local;
+    callProgram(plc, 0, NULL);
+}
+
+/* ---- the HMI ---- */
+
+static void logHmi(simPlc *plc, char **words, size_t count)
+{
+    simText text = {NULL, 0, 0};
+    size_t i;
+
+    for (i = 0; i < count; i++)
+        simTextAdd(&text, " %s", words[i]);
+    simLog(plc->name, "HMI sets%.200s", text.text ? text.text : "");
+    simTextFree(&text);
+}
+
+static void hmiActs(void *arg, simPoint point)
+{
+    simPlc *plc = arg;
+    char error[SIM_ERROR_SIZE];
+
+    if (point == pointNone || point != plc->hmiPoint)
+        return;
+    logHmi(plc, plc->hmiWords, plc->hmiCount);
+    if (simPlcSet(plc, plc->hmiWords, plc->hmiCount, error))
+        simComplain(plc->name, "HMI: %s", error);
+    forgetHmi(plc);
+}
+
+int simPlcHmi(simPlc *plc, simPoint point, char **words, size_t count,
+              char error[SIM_ERROR_SIZE])
+{
+    simPlace place;
+    simType type;
+    size_t i;
+
+    if (point == pointNone) {
+        logHmi(plc, words, count);
+        return simPlcSet(plc, words, count, error);
+    }
+    if (simPlcPlace(plc, words, count, &place, &type, error) < 0)
+        return -1;
+    forgetHmi(plc);
+    plc->hmiWords = callocMustSucceed(count + 1, sizeof(char *), "simPlcHmi");
+    for (i = 0; i < count; i++)
+        plc->hmiWords[plc->hmiCount++] = epicsStrDup(words[i]);
+    plc->hmiPoint = point;
+    return 0;
 }

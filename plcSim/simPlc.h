@@ -9,6 +9,7 @@
 #include "simConfig.h"
 #include "simLoop.h"
 #include "simMemory.h"
+#include "simProgram.h"
 #include "simServer.h"
 #include "simSignal.h"
 
@@ -32,6 +33,7 @@ typedef struct simPlc {
     simMemory memory;
     simBlock *tx, *rx; /* IE_TX, IE_RX; NULL when they have no bytes */
     simServer server;
+    simProgram program;
     simSignal *signals;
     size_t signalCount;
     simMirror *mirrors;
@@ -44,7 +46,12 @@ typedef struct simPlc {
     int local;             /* the HMI has control: received blocks are not taken */
     int off;               /* restarting */
     unsigned restarts;
-    simTimer cycle, power;
+    simTimer cycle, power, watch;
+    epicsUInt64 sentBytes; /* when the SEND watchdog looked last */
+    double sentTime;       /* s: when bytes left last */
+    simPoint hmiPoint;     /* the HMI waits for this moment ... */
+    char **hmiWords;       /* ... to set this */
+    size_t hmiCount;
     simReceived *history;  /* ring of the last blocks */
     size_t historySize;
     epicsUInt64 historyCount;
@@ -63,6 +70,9 @@ void simPlcPeriod(simPlc *plc, double seconds);
  * receive blocks become zero. A cold restart sets all memory to its initial values. */
 void simPlcRestart(simPlc *plc, double seconds, int cold);
 void simPlcLocal(simPlc *plc, int local);
+/* The HMI sets a value at once (pointNone), or at that moment of the program. */
+int simPlcHmi(simPlc *plc, simPoint point, char **words, size_t count,
+              char error[SIM_ERROR_SIZE]);
 /* Adds another signal or mirror while running: words as in the file, keyword first. */
 int simPlcStatement(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE]);
 /* Reads "in 4 INT16", "DB10.DBW4", "DB10.4 REAL32". Returns the number of words used, or -1. */

@@ -310,17 +310,33 @@ static int maySend(const simServer *server)
     return server->client >= 0 && !server->faults.silence && !server->faults.unplugged;
 }
 
+static size_t blockSize(const simServer *server)
+{
+    return server->faults.truncate >= 0 ? (size_t)server->faults.truncate : server->inSize;
+}
+
+static int isFull(const simServer *server)
+{
+    if (server->faults.delay > 0)
+        return server->queued + blockSize(server) > MAX_QUEUED;
+    if (server->faults.flood)
+        return server->queued >= FLOOD_BATCH;
+    return simServerBusy(server);
+}
+
+int simServerReady(const simServer *server)
+{
+    return maySend(server) && !isFull(server);
+}
+
 int simServerSend(simServer *server, const epicsUInt8 *block)
 {
-    size_t size = server->faults.truncate >= 0 ? (size_t)server->faults.truncate : server->inSize;
-    int full = server->faults.delay > 0 ? server->queued + size > MAX_QUEUED
-               : server->faults.flood   ? server->queued >= FLOOD_BATCH
-                                        : simServerBusy(server);
+    size_t size = blockSize(server);
     chunk *c;
 
     if (!maySend(server) || size == 0)
         return -1;
-    if (full) {
+    if (isFull(server)) {
         server->counts.blocksSkipped++;
         return -1;
     }

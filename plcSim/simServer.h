@@ -86,6 +86,8 @@ int simServerBusy(const simServer *server);
 /* Queues a block of inSize bytes. While the last one is still leaving, the new one is
  * skipped and counted, as a PLC's SEND does. Returns 0 when queued. */
 int simServerSend(simServer *server, const epicsUInt8 *block);
+/* True when simServerSend() would take a block now. */
+int simServerReady(const simServer *server);
 /* Sends n random bytes between two blocks. Returns -1 when not connected. */
 int simServerGarbage(simServer *server, size_t n);
 
