@@ -125,8 +125,19 @@ static int checkPlace(size_t offset, size_t length, size_t size, const char *blo
                    (unsigned long)size);
 }
 
+/* The bytes of a string: not more than the record has room for. */
+static size_t stringLength(dbCommon *prec, const plcLink *link, size_t room)
+{
+    if (link->low <= (epicsInt64)room)
+        return (size_t)link->low;
+    devWarn(prec, "L=%lld is more than the record holds: reduced to %lu",
+            (long long)link->low, (unsigned long)room);
+    return room;
+}
+
 /* Fills dev from the completed link. */
-static int place(dbCommon *prec, devRecord *dev, const plcLink *link, plcLinkError *error)
+static int place(dbCommon *prec, devRecord *dev, const plcLink *link, size_t room,
+                 plcLinkError *error)
 {
     const devSupport *support = supportOf(prec);
     int out = support->direction == devOut;
@@ -135,7 +146,8 @@ static int place(dbCommon *prec, devRecord *dev, const plcLink *link, plcLinkErr
     dev->bigEndian = plcStationBigEndian(dev->station);
     dev->type = link->type;
     dev->offset = link->offset;
-    dev->length = link->type->kind == plcString ? (size_t)link->low : link->type->size;
+    dev->length = link->type->kind == plcString ? stringLength(prec, link, room)
+                                                : link->type->size;
     dev->has = link->has;
     dev->readback = link->readback;
     dev->low = link->low;
@@ -158,7 +170,7 @@ static int resolve(dbCommon *prec, devRecord *dev, const char *text, plcLinkErro
 {
     const devSupport *support = supportOf(prec);
     plcShape shape = support->shape;
-    size_t length = 0;
+    size_t room = 0;
     plcLink link;
 
     if (plcLinkParse(text, &link, error))
@@ -169,11 +181,11 @@ static int resolve(dbCommon *prec, devRecord *dev, const char *text, plcLinkErro
         return -1;
     if (support->direction == devStatus)
         return support->prepare ? support->prepare(prec, dev, &link, error) : 0;
-    if (support->adapt && support->adapt(prec, &link, &shape, &length, error))
+    if (support->adapt && support->adapt(prec, &link, &shape, &room, error))
         return -1;
-    if (plcLinkComplete(&link, &shape, length, error))
+    if (plcLinkComplete(&link, &shape, room, error))
         return -1;
-    return place(prec, dev, &link, error);
+    return place(prec, dev, &link, room, error);
 }
 
 static void release(devRecord *dev)
@@ -337,7 +349,7 @@ long devFetchInt(dbCommon *prec, epicsInt64 *value)
     return 0;
 }
 
-long devStore(dbCommon *prec, const void *bytes, size_t length, const void *mask)
+long devStore(dbCommon *prec, const void *bytes, const void *mask)
 {
     const devRecord *dev = devOf(prec);
     char reason[PLC_REASON_SIZE];
@@ -346,11 +358,13 @@ long devStore(dbCommon *prec, const void *bytes, size_t length, const void *mask
         return -1;
     devStampNow(prec);
     reason[0] = 0;
-    if (plcStationWrite(dev->station, dev->offset, length, bytes, mask, reason))
+    if (plcStationWrite(dev->station, dev->offset, dev->length, bytes, mask,
+                        reason))
         return devRefuseWrite(prec, "%s", reason);
-    if (reason[0])
-        recGblSetSevrMsg(prec, COMM_ALARM, INVALID_ALARM, "%s", reason);
-    return 0;
+    if (!reason[0])
+        return 0;
+    recGblSetSevrMsg(prec, COMM_ALARM, INVALID_ALARM, "%s", reason);
+    return -1;
 }
 
 long devStoreInt(dbCommon *prec, epicsInt64 value, epicsUInt64 mask)
@@ -362,9 +376,9 @@ long devStoreInt(dbCommon *prec, epicsInt64 value, epicsUInt64 mask)
         return -1;
     plcPutInt(dev->type, bytes, dev->bigEndian, value);
     if (mask == ~(epicsUInt64)0)
-        return devStore(prec, bytes, dev->length, NULL);
+        return devStore(prec, bytes, NULL);
     plcPutInt(dev->type, bits, dev->bigEndian, (epicsInt64)mask);
-    return devStore(prec, bytes, dev->length, bits);
+    return devStore(prec, bytes, bits);
 }
 
 long devRefuseWrite(dbCommon *prec, const char *format, ...)

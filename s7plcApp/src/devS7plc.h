@@ -59,9 +59,9 @@ typedef struct devSupport {
     devDirection direction;
     plcShape shape;
     long initStatus; /* what init_record returns: 2 = keep VAL, do not convert */
-    /* Adapts the shape to the fields of this record (FTVL of arrays) and sets the number of
+    /* Adapts the shape to the fields of this record (FTVL of arrays) and sets *room to the
      * bytes of its own string. Returns 0 or -1 with *error. NULL: nothing to adapt. */
-    int (*adapt)(dbCommon *prec, const plcLink *link, plcShape *shape, size_t *length,
+    int (*adapt)(dbCommon *prec, const plcLink *link, plcShape *shape, size_t *room,
                  plcLinkError *error);
     /* Prepares record and dev (masks, slopes, length), once the link is complete.
      * Returns 0 or -1 with *error. NULL: nothing to prepare. */
@@ -101,10 +101,10 @@ devRecord *devOf(dbCommon *prec);
  * stay as it is, and the adapter returns -1 so that the record does not convert. */
 long devFetch(dbCommon *prec, void *bytes);
 
-/* Puts `length` bytes at the record's place into the output image, only the bits set in
- * mask (NULL: all). Returns 0, perhaps with an alarm (PLC away, value kept), or -1 with an
- * alarm (refused, nothing written). */
-long devStore(dbCommon *prec, const void *bytes, size_t length, const void *mask);
+/* Puts the record's bytes into the output image, only the bits set in mask (NULL: all).
+ * Returns 0, or -1 with an alarm: COMM when the PLC is away (the value is kept and leaves
+ * when it is back), WRITE when the value was refused. */
+long devStore(dbCommon *prec, const void *bytes, const void *mask);
 
 /* The same for one integer: zero- or sign-extended to 64 bits; only the bits in mask. */
 long devFetchInt(dbCommon *prec, epicsInt64 *value);

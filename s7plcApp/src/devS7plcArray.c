@@ -55,7 +55,7 @@ static void listTypes(unsigned kinds, unsigned size, char *text, size_t room)
 /* Takes the type from FTVL where the link is silent, and refuses what does not go
  * together. T=STRING: the whole array by default. */
 static int adaptArray(unsigned ftvl, size_t nelm, const plcLink *link, plcShape *shape,
-                      size_t *length, plcLinkError *error)
+                      size_t *room, plcLinkError *error)
 {
     const plcType *type = link->type;
     char allowed[80];
@@ -67,25 +67,23 @@ static int adaptArray(unsigned ftvl, size_t nelm, const plcLink *link, plcShape 
     shape->kinds = elementTypes[ftvl].kinds;
     shape->maxSize = elementTypes[ftvl].size;
     shape->defaultType = elementTypes[ftvl].defaultType;
-    *length = nelm;
+    *room = nelm;
     if (type && (!(type->kind & shape->kinds) || type->size != shape->maxSize)) {
         listTypes(shape->kinds, shape->maxSize, allowed, sizeof(allowed));
         return devFail(error, link->column.T, "T=%s does not fit FTVL=%s; allowed: %s",
                        type->name, elementTypes[ftvl].name, allowed);
     }
-    if (type && type->kind == plcString && link->has & plcHasL &&
-        link->low > (epicsInt64)nelm)
-        return devFail(error, link->column.L, "L=%lld exceeds NELM=%lu",
-                       (long long)link->low, (unsigned long)nelm);
     return 0;
 }
 
-/* Elements whose bytes need work on the way to the record, or a whole block's worth of
- * consistency on the way from it, go through a buffer. */
-static int prepareArray(devRecord *dev, size_t nelm)
+/* All NELM elements, or the L bytes of a string, go through a buffer. NORD is NELM from the
+ * start, unless autosave or DOL has filled the array. */
+static int prepareArray(devRecord *dev, size_t nelm, epicsUInt32 *nord)
 {
     if (dev->type->kind != plcString)
         dev->length = nelm * dev->type->size;
+    if (*nord == 0)
+        *nord = (epicsUInt32)nelm;
     dev->buffered = 1;
     return 0;
 }
@@ -119,18 +117,20 @@ static long readWaveform(dbCommon *common)
 }
 
 static int adaptWaveform(dbCommon *common, const plcLink *link, plcShape *shape,
-                         size_t *length, plcLinkError *error)
+                         size_t *room, plcLinkError *error)
 {
     waveformRecord *prec = (waveformRecord *)common;
 
-    return adaptArray(prec->ftvl, prec->nelm, link, shape, length, error);
+    return adaptArray(prec->ftvl, prec->nelm, link, shape, room, error);
 }
 
 static int prepareWaveform(dbCommon *common, devRecord *dev, const plcLink *link,
                            plcLinkError *error)
 {
+    waveformRecord *prec = (waveformRecord *)common;
+
     (void)link, (void)error;
-    return prepareArray(dev, ((waveformRecord *)common)->nelm);
+    return prepareArray(dev, prec->nelm, &prec->nord);
 }
 
 static long readAai(dbCommon *common)
@@ -143,56 +143,56 @@ static long readAai(dbCommon *common)
     return 0;
 }
 
-static int adaptAai(dbCommon *common, const plcLink *link, plcShape *shape, size_t *length,
+static int adaptAai(dbCommon *common, const plcLink *link, plcShape *shape, size_t *room,
                     plcLinkError *error)
 {
     aaiRecord *prec = (aaiRecord *)common;
 
-    return adaptArray(prec->ftvl, prec->nelm, link, shape, length, error);
+    return adaptArray(prec->ftvl, prec->nelm, link, shape, room, error);
 }
 
 static int prepareAai(dbCommon *common, devRecord *dev, const plcLink *link,
                       plcLinkError *error)
 {
+    aaiRecord *prec = (aaiRecord *)common;
+
     (void)link, (void)error;
-    return prepareArray(dev, ((aaiRecord *)common)->nelm);
+    return prepareArray(dev, prec->nelm, &prec->nord);
 }
 
 /* --- Writing ----------------------------------------------------------------------------- */
 
-/* Writes the elements that are in the array (NORD); what is behind them in the block stays. */
+/* Writes the whole array, also what is behind the NORD elements of the last put. */
 static long writeAao(dbCommon *common)
 {
-    aaoRecord *prec = (aaoRecord *)common;
+    const void *array = ((aaoRecord *)common)->bptr;
     const devRecord *dev = devOf(common);
-    size_t length;
 
     if (!dev)
         return -1;
-    length = (size_t)prec->nord * dev->type->size;
-    if (length > dev->length)
-        length = dev->length;
     if (dev->type->kind == plcBcd)
-        plcBcdEncode(dev->buffer, prec->bptr, length);
+        plcBcdEncode(dev->buffer, array, dev->length);
     else
-        plcCopyElements(dev->buffer, prec->bptr, dev->type->size, length / dev->type->size,
+        plcCopyElements(dev->buffer, array, dev->type->size, dev->length / dev->type->size,
                         dev->bigEndian);
-    return devStore(common, dev->buffer, length, NULL);
+    return devStore(common, dev->buffer, NULL);
 }
 
-static int adaptAao(dbCommon *common, const plcLink *link, plcShape *shape, size_t *length,
+static int adaptAao(dbCommon *common, const plcLink *link, plcShape *shape, size_t *room,
                     plcLinkError *error)
 {
     aaoRecord *prec = (aaoRecord *)common;
 
-    return adaptArray(prec->ftvl, prec->nelm, link, shape, length, error);
+    return adaptArray(prec->ftvl, prec->nelm, link, shape, room, error);
 }
 
 static int prepareAao(dbCommon *common, devRecord *dev, const plcLink *link,
                       plcLinkError *error)
 {
+    aaoRecord *prec = (aaoRecord *)common;
+
     (void)link, (void)error;
-    return prepareArray(dev, ((aaoRecord *)common)->nelm);
+    return prepareArray(dev, prec->nelm, &prec->nord);
 }
 
 /* --- The rows: adapt fills in what the shape allows ---------------------------------------- */

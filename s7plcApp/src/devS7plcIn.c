@@ -27,27 +27,29 @@
 /* --- ai ---------------------------------------------------------------------------------- */
 
 /* Sets ESLO and EOFF so that L..H become EGUL..EGUF. Float types are not converted. */
+static long linconv(aiRecord *prec, const devRecord *dev)
+{
+    double low = (double)dev->low, high = (double)dev->high;
+
+    if (!(dev->type->kind & plcInteger) || low == high)
+        return 0;
+    prec->eslo = (prec->eguf - prec->egul) / (high - low);
+    prec->eoff = (high * prec->egul - low * prec->eguf) / (high - low);
+    return 0;
+}
+
 static long linconvAi(dbCommon *common, int after)
 {
-    aiRecord *prec = (aiRecord *)common;
     const devRecord *dev = common->dpvt;
-    double span;
 
-    if (!after || !dev || !dev->station || !(dev->type->kind & plcInteger))
-        return 0;
-    span = (double)dev->high - (double)dev->low;
-    prec->eslo = (prec->eguf - prec->egul) / span;
-    prec->eoff = (dev->high * prec->egul - dev->low * prec->eguf) / span;
-    return 0;
+    return after && dev && dev->station ? linconv((aiRecord *)common, dev) : 0;
 }
 
 static int prepareAi(dbCommon *common, devRecord *dev, const plcLink *link,
                      plcLinkError *error)
 {
-    (void)dev, (void)link, (void)error;
-    if (((aiRecord *)common)->linr == menuConvertLINEAR)
-        linconvAi(common, 1);
-    return 0;
+    (void)link, (void)error;
+    return (int)linconv((aiRecord *)common, dev);
 }
 
 /* The smoothing filter of the ai record, for values that do not go through RVAL. */
@@ -104,7 +106,8 @@ static long readAi(dbCommon *common)
 
 /* --- Bits -------------------------------------------------------------------------------- */
 
-/* bi: RVAL shows the bit in its place; a bit above 31 has no place there and shows as 1. */
+/* bi: RVAL shows the bit in its place; a bit above 31 has no place there and shows as 1.
+ * MASK shows the bit in its half of a 64-bit type. */
 static long readBi(dbCommon *common)
 {
     biRecord *prec = (biRecord *)common;
@@ -113,7 +116,8 @@ static long readBi(dbCommon *common)
 
     if (devFetchInt(common, &raw))
         return -1;
-    prec->rval = prec->mask ? (epicsUInt32)raw & prec->mask : (raw & dev->mask) != 0;
+    raw &= (epicsInt64)dev->mask;
+    prec->rval = dev->mask >> 32 ? raw != 0 : (epicsUInt32)raw;
     return 0;
 }
 
@@ -122,7 +126,7 @@ static int prepareBi(dbCommon *common, devRecord *dev, const plcLink *link,
 {
     (void)error;
     dev->mask = (epicsUInt64)1 << link->bit;
-    ((biRecord *)common)->mask = (epicsUInt32)dev->mask;
+    ((biRecord *)common)->mask = (epicsUInt32)1 << link->bit % 32;
     return 0;
 }
 
@@ -217,10 +221,10 @@ static long readStringin(dbCommon *common)
 }
 
 static int adaptStringin(dbCommon *common, const plcLink *link, plcShape *shape,
-                         size_t *length, plcLinkError *error)
+                         size_t *room, plcLinkError *error)
 {
     (void)link, (void)shape, (void)error;
-    *length = sizeof(((stringinRecord *)common)->val);
+    *room = sizeof(((stringinRecord *)common)->val);
     return 0;
 }
 
@@ -237,11 +241,11 @@ static long readLsi(dbCommon *common)
     return 0;
 }
 
-static int adaptLsi(dbCommon *common, const plcLink *link, plcShape *shape, size_t *length,
+static int adaptLsi(dbCommon *common, const plcLink *link, plcShape *shape, size_t *room,
                     plcLinkError *error)
 {
     (void)link, (void)shape, (void)error;
-    *length = ((lsiRecord *)common)->sizv;
+    *room = ((lsiRecord *)common)->sizv;
     return 0;
 }
 

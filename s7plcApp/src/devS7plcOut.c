@@ -31,27 +31,29 @@
 /* --- ao and calcout ---------------------------------------------------------------------- */
 
 /* Sets ESLO and EOFF so that EGUL..EGUF become L..H. Float types are not converted. */
+static long linconv(aoRecord *prec, const devRecord *dev)
+{
+    double low = (double)dev->low, high = (double)dev->high;
+
+    if (!(dev->type->kind & plcInteger) || low == high)
+        return 0;
+    prec->eslo = (prec->eguf - prec->egul) / (high - low);
+    prec->eoff = (high * prec->egul - low * prec->eguf) / (high - low);
+    return 0;
+}
+
 static long linconvAo(dbCommon *common, int after)
 {
-    aoRecord *prec = (aoRecord *)common;
     const devRecord *dev = common->dpvt;
-    double span;
 
-    if (!after || !dev || !dev->station || !(dev->type->kind & plcInteger))
-        return 0;
-    span = (double)dev->high - (double)dev->low;
-    prec->eslo = (prec->eguf - prec->egul) / span;
-    prec->eoff = (dev->high * prec->egul - dev->low * prec->eguf) / span;
-    return 0;
+    return after && dev && dev->station ? linconv((aoRecord *)common, dev) : 0;
 }
 
 static int prepareAo(dbCommon *common, devRecord *dev, const plcLink *link,
                      plcLinkError *error)
 {
-    (void)dev, (void)link, (void)error;
-    if (((aoRecord *)common)->linr == menuConvertLINEAR)
-        linconvAo(common, 1);
-    return 0;
+    (void)link, (void)error;
+    return (int)linconv((aoRecord *)common, dev);
 }
 
 static epicsInt64 clip(const devRecord *dev, double value)
@@ -87,7 +89,7 @@ static long storeReal(dbCommon *common, double value)
     epicsUInt8 bytes[DEV_SCALAR];
 
     plcPutReal(dev->type, bytes, dev->bigEndian, value);
-    return devStore(common, bytes, dev->length, NULL);
+    return devStore(common, bytes, NULL);
 }
 
 static long writeAo(dbCommon *common)
@@ -136,13 +138,13 @@ static long writeBo(dbCommon *common)
                        dev->mask);
 }
 
-/* MASK of the record is 0 for a bit above 31: then RVAL is 0 or 1. */
+/* MASK and RVAL show the bit in its half of a 64-bit type. */
 static int prepareBo(dbCommon *common, devRecord *dev, const plcLink *link,
                      plcLinkError *error)
 {
     (void)error;
     dev->mask = (epicsUInt64)1 << link->bit;
-    ((boRecord *)common)->mask = (epicsUInt32)dev->mask;
+    ((boRecord *)common)->mask = (epicsUInt32)1 << link->bit % 32;
     return 0;
 }
 
@@ -208,7 +210,7 @@ static long storeString(dbCommon *common, const char *text, size_t size)
         length = dev->length;
     memcpy(dev->buffer, text, length);
     memset(dev->buffer + length, 0, dev->length - length);
-    return devStore(common, dev->buffer, dev->length, NULL);
+    return devStore(common, dev->buffer, NULL);
 }
 
 static long writeStringout(dbCommon *common)
@@ -219,10 +221,10 @@ static long writeStringout(dbCommon *common)
 }
 
 static int adaptStringout(dbCommon *common, const plcLink *link, plcShape *shape,
-                          size_t *length, plcLinkError *error)
+                          size_t *room, plcLinkError *error)
 {
     (void)link, (void)shape, (void)error;
-    *length = sizeof(((stringoutRecord *)common)->val);
+    *room = sizeof(((stringoutRecord *)common)->val);
     return 0;
 }
 
@@ -233,11 +235,11 @@ static long writeLso(dbCommon *common)
     return storeString(common, prec->val, prec->sizv);
 }
 
-static int adaptLso(dbCommon *common, const plcLink *link, plcShape *shape, size_t *length,
+static int adaptLso(dbCommon *common, const plcLink *link, plcShape *shape, size_t *room,
                     plcLinkError *error)
 {
     (void)link, (void)shape, (void)error;
-    *length = ((lsoRecord *)common)->sizv;
+    *room = ((lsoRecord *)common)->sizv;
     return 0;
 }
 
