@@ -36,7 +36,7 @@ void plcSyncLost(plcSync *s)
     s->asked = 0;
 }
 
-int plcSyncBlock(plcSync *s, const void *header, int bigEndian)
+int plcSyncBlock(plcSync *s, const void *header, int same, int bigEndian)
 {
     const epicsUInt8 *h = header;
 
@@ -53,16 +53,15 @@ int plcSyncBlock(plcSync *s, const void *header, int bigEndian)
         s->asked = 0;
         return plcSyncTake;
     }
-    if (s->flags & plcFlagSync) {
-        if (s->state == plcSyncSynced)
-            return 0;
-        if (s->state == plcSyncChecking && s->asked) {
-            s->state = plcSyncSynced;
-            return 0;
-        }
+    if ((s->flags & plcFlagSync) && s->state == plcSyncSynced)
+        return 0;
+    if ((s->flags & plcFlagSync) && s->state == plcSyncChecking && s->asked && same) {
+        s->state = plcSyncSynced;
+        return 0;
     }
-    /* Not synchronised, or SYNC of a time before we asked: show what we have read back. */
-    if (s->state != plcSyncChecking)
+    /* Not synchronised, or SYNC of a time before we asked, or the PLC agreed to an older
+     * block than our last: show what we have read back. */
+    if (s->state != plcSyncChecking || !same)
         s->asked = 0;
     s->state = plcSyncChecking;
     return plcSyncTake | plcSyncSend;

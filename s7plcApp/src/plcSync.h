@@ -38,7 +38,8 @@ typedef enum {
 } plcSyncState;
 
 /* What the station has to do after a step. */
-#define plcSyncTake 1 /* all outputs take the values that the PLC shows */
+#define plcSyncTake 1 /* all outputs take the values that the PLC shows in this block, and
+                         what was written before is forgotten */
 #define plcSyncSend 2 /* send a block soon */
 
 typedef struct plcSync {
@@ -46,7 +47,7 @@ typedef struct plcSync {
     epicsUInt16 layout;  /* our layout id, 0 = not checked */
     epicsUInt16 theirs;  /* the PLC's, of its last block */
     epicsUInt8 counter;  /* of the last block sent */
-    int asked;           /* a block with CHECK has left since we began to check */
+    int asked;           /* the image is what left with the last CHECK */
     int flags;           /* of the PLC's last block */
 } plcSync;
 
@@ -56,8 +57,9 @@ void plcSyncInit(plcSync *sync, epicsUInt16 layout);
 void plcSyncConnected(plcSync *sync);
 void plcSyncLost(plcSync *sync);
 
-/* A block came. Returns a mask of plcSyncTake and plcSyncSend. */
-int plcSyncBlock(plcSync *sync, const void *header, int bigEndian);
+/* A block came. `same`: the read-backs in it equal our output image. Returns a mask of
+ * plcSyncTake and plcSyncSend. */
+int plcSyncBlock(plcSync *sync, const void *header, int same, int bigEndian);
 
 /* True when blocks may leave at all in this state. */
 int plcSyncMaySend(const plcSync *sync);
