@@ -1,0 +1,99 @@
+/* The command phoenixplcConfigure: the paper's nine arguments, from text to a station. */
+#include <stdlib.h>
+#include <string.h>
+
+#include <drvSup.h>
+#include <epicsStdlib.h>
+#include <errlog.h>
+#include <initHooks.h>
+#include <iocsh.h>
+
+#include "phoenixPair.h"
+#include "phoenixRedund.h"
+#include "plcConfigure.h"
+
+#include <epicsExport.h> /* last */
+
+int phoenixplcConfigure(const char *const args[9])
+{
+    static const char command[] = "phoenixplcConfigure";
+    const char *name = args[0] ? args[0] : "";
+    epicsInt32 redundancy = 0;
+    phoenixPair *pair;
+
+    if (args[8] && (epicsParseInt32(args[8], &redundancy, 0, NULL) || redundancy < 0 ||
+                    redundancy > 1)) {
+        errlogSevPrintf(errlogMajor, "%s %s: redundancy=%s; allowed: 0 (one PLC) or 1 "
+                        "(FIRST at IPaddr, SECOND at IPaddr+1)\n", command, name, args[8]);
+        return -1;
+    }
+    if (!redundancy)
+        return plcConfigure(command, args, &plcSingle, NULL) ? 0 : -1;
+    if (plcStationFind(name)) /* plcConfigure refuses it in its own words */
+        return plcConfigure(command, args, &phoenixPolicy, NULL) ? 0 : -1;
+    pair = phoenixPairCreate(name);
+    if (plcConfigure(command, args, &phoenixPolicy, pair))
+        return 0;
+    phoenixPairDestroy(pair);
+    return -1;
+}
+
+/* Numbers are strings here, so that a missing or mistyped one gets a message of ours. */
+static const iocshArg arg0 = {"PLCname", iocshArgString};
+static const iocshArg arg1 = {"IPaddr[,IPaddr of SECOND]", iocshArgString};
+static const iocshArg arg2 = {"IPport", iocshArgString};
+static const iocshArg arg3 = {"inSize [bytes]", iocshArgString};
+static const iocshArg arg4 = {"outSize [bytes]", iocshArgString};
+static const iocshArg arg5 = {"bigEndian [0|1]", iocshArgString};
+static const iocshArg arg6 = {"recvTimeout [ms]", iocshArgString};
+static const iocshArg arg7 = {"sendInterval [ms]", iocshArgString};
+static const iocshArg arg8 = {"redundancy [0|1]", iocshArgString};
+static const iocshArg *const configureArgs[] = {&arg0, &arg1, &arg2, &arg3, &arg4,
+                                                &arg5, &arg6, &arg7, &arg8};
+static const iocshFuncDef configureDef = {
+    "phoenixplcConfigure", 9, configureArgs
+#ifdef IOCSHFUNCDEF_HAS_USAGE
+    ,
+    "Makes a station: one PLC (redundancy=0) or a redundant pair of PLCs (1), FIRST at\n"
+    "IPaddr and SECOND at IPaddr+1, or \"a,b\".\n"
+    "  phoenixplcConfigure PLC-A,192.168.0.10,2000,96,112,1,2000,100,1\n"
+#endif
+};
+
+static void configureCall(const iocshArgBuf *args)
+{
+    const char *text[9];
+    int i;
+
+    for (i = 0; i < 9; i++)
+        text[i] = args[i].sval;
+    phoenixplcConfigure(text);
+}
+
+static void phoenixplcRegister(void)
+{
+    iocshRegister(&configureDef, configureCall);
+}
+
+/* --- Driver entry ----------------------------------------------------------------------- */
+
+static void hook(initHookState state)
+{
+    if (state == initHookAfterIocRunning)
+        phoenixPairsRun();
+}
+
+static long init(void)
+{
+    static int once;
+
+    if (!once++)
+        initHookRegister(hook);
+    return 0;
+}
+
+/* dbior: the stations of s7plc report their pairs. */
+static drvet phoenixplc = {2, NULL, (DRVSUPFUN)init};
+
+epicsExportAddress(drvet, phoenixplc);
+epicsExportRegistrar(phoenixplcRegister);

@@ -1,0 +1,169 @@
+/* Roles of a redundant pair; see pairRole.h. */
+#include <string.h>
+
+#include "pairRole.h"
+
+#define MARGIN_NS 1000000u /* and a sixteenth: how much later than ever a block may come */
+#define KNOWN 4            /* intervals that tell enough about a PLC */
+
+void pairRoleInit(pairRole *r, epicsUInt64 recvTimeout)
+{
+    memset(r, 0, sizeof(*r));
+    r->recvTimeout = recvTimeout;
+    r->leader = r->lastLeader = pairNobody;
+}
+
+/* --- Time ------------------------------------------------------------------------------ */
+
+static epicsUInt64 longestOf(const pairMember *m)
+{
+    epicsUInt64 longest = 0;
+    unsigned i;
+
+    for (i = 0; i < m->intervals && i < PAIR_INTERVALS; i++)
+        if (m->interval[i] > longest)
+            longest = m->interval[i];
+    return longest;
+}
+
+/* The longest interval of late; of the partner too while there are few: both run the same
+ * program. 0: nothing known. */
+static epicsUInt64 longest(const pairRole *r, unsigned which)
+{
+    epicsUInt64 own = longestOf(&r->plc[which]);
+    epicsUInt64 other = longestOf(&r->plc[!which]);
+
+    return r->plc[which].intervals < KNOWN && other > own ? other : own;
+}
+
+/* How long this PLC may be silent when it misses `blocks` - 1 blocks. */
+static epicsUInt64 patience(const pairRole *r, unsigned which, unsigned blocks)
+{
+    epicsUInt64 interval = longest(r, which);
+
+    if (!interval)
+        return r->recvTimeout / 2;
+    return blocks * interval + interval / 16 + MARGIN_NS;
+}
+
+epicsUInt64 pairRoleDue(const pairRole *r)
+{
+    return r->plc[r->leader].lastBlock +
+           patience(r, r->leader, r->twoPrimaries ? 2 : 1);
+}
+
+/* When a PLC that does not lead counts as quiet again. */
+static epicsUInt64 quietAt(const pairRole *r, unsigned which)
+{
+    return r->plc[which].lastBlock + patience(r, which, 3);
+}
+
+/* --- What happens ---------------------------------------------------------------------- */
+
+static void forgetClaims(pairRole *r)
+{
+    unsigned i;
+
+    for (i = 0; i < PLC_LINKS_MAX; i++)
+        r->plc[i].claims = r->plc[i].refuted = 0;
+    r->twoPrimaries = 0;
+}
+
+/* The one place where a PLC begins to lead. */
+static void lead(pairRole *r, unsigned which, pairReason reason, epicsUInt64 silentSince,
+                 epicsUInt64 now)
+{
+    if (r->lastLeader != pairNobody && r->lastLeader != (pairWho)which) {
+        r->switchovers++;
+        r->reason = reason;
+        r->duration = now - silentSince;
+    }
+    r->leader = r->lastLeader = which;
+    forgetClaims(r);
+}
+
+static void noteInterval(pairRole *r, unsigned which, epicsUInt64 now)
+{
+    pairMember *m = &r->plc[which];
+
+    if (m->lastBlock && (pairWho)which != r->leader && now > quietAt(r, which))
+        m->intervals = m->refuted = 0;
+    else if (m->lastBlock)
+        m->interval[m->intervals++ % PAIR_INTERVALS] = now - m->lastBlock;
+    m->lastBlock = now;
+}
+
+static void block(pairRole *r, unsigned which, epicsUInt64 now)
+{
+    pairMember *m = &r->plc[which], *other = &r->plc[!which];
+
+    m->connected = 1;
+    noteInterval(r, which, now);
+    if (r->leader == pairNobody) {
+        lead(r, which, r->lostBy, r->silentSince, now);
+    } else if (r->leader == (pairWho)which) {
+        other->refuted |= other->claims;
+        other->claims = 0;
+    } else {
+        m->claims = 1;
+        if (m->refuted && !r->twoPrimaries) {
+            r->twoPrimaries = 1;
+            r->twoPrimariesCount++;
+        }
+    }
+}
+
+static void lost(pairRole *r, unsigned which, epicsUInt64 now)
+{
+    pairMember *m = &r->plc[which], *other = &r->plc[!which];
+    int otherSends = other->claims || r->twoPrimaries;
+
+    if (r->leader == (pairWho)which) {
+        r->leader = pairNobody;
+        r->silentSince = m->lastBlock;
+        r->lostBy = now - m->lastBlock >= r->recvTimeout ? pairTimedOut : pairDisconnected;
+        if (otherSends && other->connected)
+            lead(r, !which, r->lostBy, r->silentSince, now);
+    }
+    m->connected = m->claims = m->refuted = 0;
+    m->lastBlock = 0;
+    r->twoPrimaries = 0;
+}
+
+/* What is due at this time, whatever the event was. */
+static void settle(pairRole *r, epicsUInt64 now)
+{
+    unsigned other;
+
+    if (r->leader == pairNobody)
+        return;
+    other = !r->leader;
+    if (r->plc[other].claims && now >= pairRoleDue(r))
+        lead(r, other, pairSilent, r->plc[r->leader].lastBlock, now);
+    else if (r->twoPrimaries && now > quietAt(r, other))
+        forgetClaims(r);
+}
+
+static void nextTick(const pairRole *r, epicsUInt64 *wake)
+{
+    if (r->leader == pairNobody)
+        return;
+    if (r->plc[!r->leader].claims)
+        *wake = pairRoleDue(r);
+    else if (r->twoPrimaries)
+        *wake = quietAt(r, !r->leader) + 1;
+}
+
+pairWho pairRoleStep(pairRole *r, plcEvent event, unsigned which, epicsUInt64 now,
+                     epicsUInt64 *wake)
+{
+    if (event == plcEventConnected)
+        r->plc[which].connected = 1;
+    else if (event == plcEventBlock)
+        block(r, which, now);
+    else if (event == plcEventLost)
+        lost(r, which, now);
+    settle(r, now);
+    nextTick(r, wake);
+    return r->leader;
+}
