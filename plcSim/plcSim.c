@@ -3,7 +3,7 @@
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */
-#include <fcntl.h>
+#include <arpa/inet.h>
 #include <getopt.h>
 #include <poll.h>
 #include <signal.h>
@@ -24,6 +24,8 @@ typedef struct options {
     const char *console;
     const char *commands[MAX_COMMANDS];
     int commandCount;
+    char *settings[MAX_COMMANDS]; /* key=value */
+    int settingCount;
     int noStdin, check;
     double seconds; /* 0 = run until told to end */
 } options;
@@ -56,6 +58,7 @@ static int usage(FILE *fp)
             "usage: plcSim [options] file.plc\n"
             "  -a, --address <address>   listen there, whatever the file says\n"
             "  -p, --port <port>         0 = any free port; the port is printed\n"
+            "  -o, --option <key=value>  set a key of the file\n"
             "  -c, --console <path>      take commands on this unix socket too\n"
             "  -e, --execute <command>   run a console command at start; may be repeated\n"
             "  -n, --no-stdin            take no commands from stdin\n"
@@ -64,7 +67,7 @@ static int usage(FILE *fp)
             "  -k, --check               check the file, then end\n"
             "  -h, --help                this text\n"
             "\nKeys of the file, with their defaults:\n%s"
-            "\nStatements of the file: db, init, signal, mirror. Type `help` for commands.\n",
+            "\nStatements of the file: db, init, signal, mirror, tx, rx. Type `help` for commands.\n",
             keys.text);
     simTextFree(&keys);
     return fp == stderr;
@@ -76,6 +79,7 @@ static int readOptions(options *opt, int argc, char **argv)
     static const struct option longOptions[] = {
         {"address",  required_argument, NULL, 'a'},
         {"port",     required_argument, NULL, 'p'},
+        {"option",   required_argument, NULL, 'o'},
         {"console",  required_argument, NULL, 'c'},
         {"execute",  required_argument, NULL, 'e'},
         {"no-stdin", no_argument,       NULL, 'n'},
@@ -88,13 +92,17 @@ static int readOptions(options *opt, int argc, char **argv)
     int c;
 
     memset(opt, 0, sizeof(*opt));
-    while ((c = getopt_long(argc, argv, "a:p:c:e:nqs:kh", longOptions, NULL)) != -1) {
+    while ((c = getopt_long(argc, argv, "a:p:o:c:e:nqs:kh", longOptions, NULL)) != -1) {
         switch (c) {
         case 'a':
             opt->address = optarg;
             break;
         case 'p':
             opt->port = optarg;
+            break;
+        case 'o':
+            if (opt->settingCount < MAX_COMMANDS)
+                opt->settings[opt->settingCount++] = optarg;
             break;
         case 'c':
             opt->console = optarg;
@@ -127,36 +135,158 @@ static int readOptions(options *opt, int argc, char **argv)
     return -1;
 }
 
-/* Reads the file, lets options override it, and builds the PLC. Returns 0 or -1. */
+/* Sets one key from the command line. Returns the number of errors. */
+static int override(simulator *sim, const char *key, const char *value)
+{
+    char error[SIM_ERROR_SIZE];
+
+    if (simConfigSet(&sim->config, key, value, error) == 0)
+        return 0;
+    fprintf(stderr, "plcSim: %s\n", error);
+    return 1;
+}
+
+static int overrideAll(simulator *sim, const options *opt)
+{
+    int errors = 0;
+    int i;
+
+    for (i = 0; i < opt->settingCount; i++) {
+        char *equals = strchr(opt->settings[i], '=');
+
+        if (!equals) {
+            fprintf(stderr, "plcSim: -o %s: allowed is key=value\n", opt->settings[i]);
+            errors++;
+            continue;
+        }
+        *equals = 0;
+        errors += override(sim, opt->settings[i], equals + 1);
+    }
+    if (opt->address)
+        errors += override(sim, sim->config.role == simSecond ? "second" : "address",
+                           opt->address);
+    if (opt->port)
+        errors += override(sim, "port", opt->port);
+    return errors;
+}
+
+/* SECOND has the address of FIRST plus one when the file does not say another. */
+static int nextAddress(simConfig *config)
+{
+    struct in_addr ip;
+
+    if (config->second[0])
+        return 0;
+    if (inet_pton(AF_INET, config->address, &ip) != 1) {
+        fprintf(stderr, "plcSim: address = %s has no next one: set `second`\n", config->address);
+        return 1;
+    }
+    ip.s_addr = htonl(ntohl(ip.s_addr) + 1);
+    inet_ntop(AF_INET, &ip, config->second, sizeof(config->second));
+    return 0;
+}
+
+/* Reads the file, lets options override it, and builds the PLCs. Returns 0 or -1. */
 static int configure(simulator *sim, const options *opt)
 {
+    static const char *const names[][2] = {
+        {NULL, NULL}, {"FIRST", "SECOND"}, {"FIRST", NULL}, {"SECOND", NULL}};
+    simConfig *config = &sim->config;
     simText messages = {NULL, 0, 0};
-    char error[SIM_ERROR_SIZE];
-    int errors;
+    int errors, i;
 
-    simConfigInit(&sim->config);
-    errors = simConfigRead(&sim->config, opt->file);
-    if ((opt->address && simConfigSet(&sim->config, "address", opt->address, error)) ||
-        (opt->port && simConfigSet(&sim->config, "port", opt->port, error))) {
-        fprintf(stderr, "plcSim: %s\n", error);
+    simConfigInit(config);
+    errors = simConfigRead(config, opt->file);
+    errors += overrideAll(sim, opt);
+    sim->isPair = config->role != simSingle;
+    if (sim->isPair)
+        errors += nextAddress(config);
+    if (config->role > simBoth && !config->fibre[0]) {
+        fprintf(stderr, "plcSim: half of a pair needs fibre = host:port or a path\n");
         errors++;
     }
-    sim->count = 1;
-    errors += simPlcBuild(&sim->plc[0], &sim->loop, &sim->config, sim->config.name, &messages);
+    sim->count = config->role == simBoth ? 2 : 1;
+    for (i = 0; i < sim->count; i++) {
+        simTextFree(&messages); /* both say the same */
+        if (simPlcBuild(&sim->plc[i], &sim->loop, config,
+                        sim->isPair ? names[config->role][i] : config->name, &messages))
+            errors++;
+    }
     if (messages.text)
         fputs(messages.text, stderr);
     simTextFree(&messages);
     return errors ? -1 : 0;
 }
 
+static void sayListening(const simPlc *plc)
+{
+    simSay("plcSim: %s listening on %s", plc->name, simServerAddress(&plc->server));
+}
+
+/* Both halves listen on the same port: with port 0, on one that is free for both. */
+static int startServers(simulator *sim)
+{
+    const simConfig *config = &sim->config;
+    int tries = config->port ? 1 : 20;
+
+    if (config->role == simSecond)
+        return simPlcStart(&sim->plc[0], config->second, config->port);
+    for (; tries > 0; tries--) {
+        if (simPlcStart(&sim->plc[0], config->address, config->port))
+            return -1;
+        if (sim->count == 1 || simPlcStart(&sim->plc[1], config->second,
+                                           ntohs(sim->plc[0].server.address.sin_port)) == 0)
+            return 0;
+        simPlcStop(&sim->plc[0]);
+        simPlcStop(&sim->plc[1]);
+    }
+    return -1;
+}
+
+static int startPair(simulator *sim)
+{
+    const simConfig *config = &sim->config;
+    int i;
+
+    for (i = 0; i < sim->count; i++) {
+        int isFirst = config->role != simSecond && i == 0;
+        double wait = config->role == simFirst    ? config->switchover
+                      : config->role == simSecond ? config->startWait
+                      : isFirst                   ? 0
+                                                  : config->switchover;
+
+        simPairInit(&sim->pair[i], &sim->loop, &sim->plc[i], isFirst, config->switchover, wait,
+                    config->interface[!isFirst]);
+    }
+    if (sim->count == 2)
+        simFibreJoin(&sim->pair[0].fibre, &sim->pair[1].fibre);
+    else if (simFibreOpen(&sim->pair[0].fibre, config->fibre, config->role == simFirst))
+        return -1;
+    for (i = 0; i < sim->count; i++)
+        simPairStart(&sim->pair[i]);
+    return 0;
+}
+
 static int start(simulator *sim)
 {
-    simPlc *plc = &sim->plc[0];
+    int i;
 
-    if (simPlcStart(plc, sim->config.address, sim->config.port))
+    if (startServers(sim))
         return -1;
-    simSay("plcSim: %s listening on %s", plc->name, simServerAddress(&plc->server));
-    return 0;
+    for (i = 0; i < sim->count; i++)
+        sayListening(&sim->plc[i]);
+    return sim->isPair ? startPair(sim) : 0;
+}
+
+static void stop(simulator *sim)
+{
+    int i;
+
+    for (i = 0; i < sim->count; i++) {
+        simPairStop(&sim->pair[i]);
+        sim->plc[i].changed = NULL;
+        simPlcStop(&sim->plc[i]);
+    }
 }
 
 static void runCommands(simulator *sim, const options *opt)
@@ -195,6 +325,7 @@ int main(int argc, char **argv)
     static simConsole console;
     options opt;
     int status = readOptions(&opt, argc, argv);
+    int i;
 
     if (status >= 0)
         return status;
@@ -223,9 +354,10 @@ int main(int argc, char **argv)
     status = 0;
 stop:
     simConsoleClose(&console);
-    simServerClose(&sim.plc[0].server);
+    stop(&sim);
 done:
-    simPlcFree(&sim.plc[0]);
+    for (i = 0; i < sim.count; i++)
+        simPlcFree(&sim.plc[i]);
     simConfigFree(&sim.config);
     simLoopFree(&sim.loop);
     return status;

@@ -16,6 +16,7 @@
 typedef struct call {
     simulator *sim;
     simPlc *plc;
+    int chosen;   /* by a word in front: "second status" */
     char **words; /* behind the command's name */
     size_t count;
     simText *out;
@@ -109,6 +110,8 @@ static void showPlc(call *c, simPlc *plc)
                (unsigned long long)n->blocksSkipped);
     simTextAdd(out, "received: %llu blocks, %llu bytes\n", (unsigned long long)n->blocksReceived,
                (unsigned long long)n->bytesReceived);
+    if (plc->ignored)
+        simTextAdd(out, "ignored as BACKUP: %llu blocks\n", (unsigned long long)plc->ignored);
     simTextAdd(out, "restarts: %u\n", plc->restarts);
     simProgramStatus(&plc->program, out);
     simTextAdd(out, "faults:%s", plc->program.refuseSync ? " refuse-sync" : "");
@@ -120,8 +123,13 @@ static int doStatus(call *c)
 {
     int i;
 
-    for (i = 0; i < c->sim->count; i++)
+    for (i = 0; i < c->sim->count; i++) {
+        if (c->sim->isPair && c->chosen && c->plc != &c->sim->plc[i])
+            continue;
         showPlc(c, &c->sim->plc[i]);
+        if (c->sim->isPair)
+            simPairStatus(&c->sim->pair[i], c->out);
+    }
     return 0;
 }
 
@@ -354,18 +362,33 @@ static int doUnfreeze(call *c)
     return 0;
 }
 
-/* Finds the PLC that a command's first argument numbers: 1 or 2; none means the first. */
+/* The pair's half that is FIRST (1) or SECOND (2); a single PLC is 1. NULL: not here. */
+static simPlc *plcByNumber(simulator *sim, unsigned long number)
+{
+    int i;
+
+    if (!sim->isPair)
+        return number == 1 ? &sim->plc[0] : NULL;
+    for (i = 0; i < sim->count; i++)
+        if (sim->pair[i].isFirst == (number == 1))
+            return &sim->plc[i];
+    return NULL;
+}
+
+/* The PLC that the last argument numbers, or the one the command is for. */
 static simPlc *numberedPlc(call *c)
 {
-    unsigned long number = 1;
+    unsigned long number;
+    simPlc *plc;
 
-    if (c->count && numberArg(c, 0, (unsigned long)c->sim->count, &number))
+    if (!c->count)
+        return c->plc;
+    if (numberArg(c, 0, 2, &number))
         return NULL;
-    if (number < 1) {
-        fail(c, "PLCs are numbered from 1");
-        return NULL;
-    }
-    return &c->sim->plc[number - 1];
+    plc = number ? plcByNumber(c->sim, number) : NULL;
+    if (!plc)
+        fail(c, "PLC %lu is not in this process", number);
+    return plc;
 }
 
 static int doUnplug(call *c)
@@ -390,15 +413,56 @@ static int doPlug(call *c)
 
 /* ---- the PLC ---- */
 
+/* restart [n] [ms] [cold]; n only where there is a pair. */
 static int doRestart(call *c)
 {
     double seconds = c->plc->config->restartTime;
     int cold = c->count && !strcasecmp(c->words[c->count - 1], "cold");
+    simPlc *plc = c->plc;
 
     c->count -= (size_t)cold;
+    if (c->sim->isPair && c->count) {
+        plc = numberedPlc(c);
+        if (!plc)
+            return -1;
+        c->words++;
+        c->count--;
+    }
+    if (c->count > 1)
+        return fail(c, "too many words");
     if (c->count && timeArg(c, 0, 0, &seconds))
         return -1;
-    simPlcRestart(c->plc, seconds, cold);
+    simPlcRestart(plc, seconds, cold);
+    return 0;
+}
+
+static int noPair(call *c)
+{
+    return fail(c, "this PLC has no partner: role = pair makes one");
+}
+
+static int doSwitchover(call *c)
+{
+    int i;
+
+    if (!c->sim->isPair)
+        return noPair(c);
+    for (i = 0; i < c->sim->count; i++)
+        if (c->sim->pair[i].isPrimary)
+            return simPairSwitch(&c->sim->pair[i], c->error);
+    return fail(c, "there is no PRIMARY here");
+}
+
+static int doTwoPrimaries(call *c)
+{
+    int on, i;
+
+    if (!c->sim->isPair)
+        return noPair(c);
+    if (onOff(c, &on))
+        return -1;
+    for (i = 0; i < c->sim->count; i++)
+        simPairSplit(&c->sim->pair[i], on);
     return 0;
 }
 
@@ -478,7 +542,9 @@ static const struct command {
     {"freeze", 0, 1, doFreeze, 1, "[heartbeat|all]", "counters, or all signals, stand still"},
     {"unfreeze", 0, 0, doUnfreeze, 1, "", "they move again"},
     {"normal", 0, 0, doNormal, 1, "", "end all faults"},
-    {"restart", 0, 2, doRestart, 1, "[ms] [cold]", "power the PLC off and on"},
+    {"restart", 0, 3, doRestart, 1, "[n] [ms] [cold]", "power the PLC (of a pair: n) off and on"},
+    {"switchover", 0, 0, doSwitchover, 1, "", "the PRIMARY hands over to the BACKUP"},
+    {"twoprimaries", 0, 1, doTwoPrimaries, 1, "[on|off]", "the fibre is cut and both lead"},
     {"local", 0, 0, doLocal, 1, "", "the HMI has control"},
     {"remote", 0, 0, doRemote, 1, "", "the IOC has control"},
     {"quit", 0, 0, doQuit, 1, "", "end the simulator"},
@@ -530,10 +596,34 @@ static void logCall(const call *c, const char *name)
     simTextFree(&text);
 }
 
+/* "first", "second" in front of a command choose the PLC; else it is the PRIMARY. */
+static int choosePlc(call *c)
+{
+    int isFirst = !strcasecmp(c->words[0], "first");
+    int i;
+
+    c->plc = &c->sim->plc[0];
+    for (i = 0; i < c->sim->count; i++)
+        if (c->sim->isPair && c->sim->pair[i].isPrimary)
+            c->plc = &c->sim->plc[i];
+    if (!isFirst && strcasecmp(c->words[0], "second"))
+        return 0;
+    c->plc = plcByNumber(c->sim, isFirst ? 1 : 2);
+    if (!c->plc)
+        return fail(c, "%s is not in this process", c->words[0]);
+    c->chosen = 1;
+    c->words++;
+    c->count--;
+    return c->count ? 0 : fail(c, "a command is missing");
+}
+
 static int run(call *c)
 {
-    const struct command *command = findCommand(c->words[0]);
+    const struct command *command;
 
+    if (choosePlc(c))
+        return -1;
+    command = findCommand(c->words[0]);
     if (!command)
         return fail(c, "\"%.40s\" is no command; try help", c->words[0]);
     c->words++;
@@ -549,18 +639,23 @@ void simCommandRun(simulator *sim, char *line, simText *out)
 {
     char *words[SIM_MAX_WORDS];
     call c;
-    int count;
+    int count, i;
 
     memset(&c, 0, sizeof(c));
     c.sim = sim;
-    c.plc = &sim->plc[0];
     c.words = words;
     c.out = out;
     count = simSplit(line, words, SIM_MAX_WORDS, c.error);
     if (count == 0)
         return;
     c.count = count > 0 ? (size_t)count : 0;
-    if (count < 0 || run(&c))
+    if (count > 0 && run(&c) == 0)
+        c.error[0] = 0;
+    else
+        count = -1;
+    for (i = 0; sim->isPair && i < sim->count; i++)
+        simPairPoll(&sim->pair[i]);
+    if (count < 0)
         simTextAdd(out, "error: %s\n", c.error);
     else
         simTextAdd(out, "ok\n");

@@ -76,6 +76,20 @@ static const struct key {
      "sync: what is taken from a block"},
     {"resync", keyChoice, AT(resync), 0, 0, "on", "off|on",
      "sync: from LOCAL to REMOTE, SYNC falls"},
+    {"role", keyChoice, AT(role), 0, 0, "single", "single|pair|first|second",
+     "one PLC, a pair, or one half of a pair in this process"},
+    {"second", keyText, AT(second), 1, SIM_MAX_ADDRESS - 1, "", NULL,
+     "address of SECOND, default: address + 1"},
+    {"fibre", keyText, AT(fibre), 1, SIM_MAX_ADDRESS - 1, "", NULL,
+     "link of two halves: host:port or path of a socket"},
+    {"switchover", keyTime, AT(switchover), 0.005, 3600, "500 ms", NULL,
+     "a BACKUP takes over after this time"},
+    {"startwait", keyTime, AT(startWait), 0, 3600, "5 s", NULL,
+     "SECOND alone waits so long for FIRST at start"},
+    {"interface", keyText, AT(interface[0]), 1, 15, "", NULL,
+     "interface of FIRST whose cable is watched"},
+    {"interface_second", keyText, AT(interface[1]), 1, 15, "", NULL,
+     "interface of SECOND whose cable is watched"},
 #undef AT
 };
 

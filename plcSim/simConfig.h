@@ -38,9 +38,16 @@ typedef struct simConfig {
     int sync, unpack, resync, local;
     unsigned layout;
     double watchdog, sendWatchdog; /* s, 0 = none */
+    int role; /* simSingle ... */
+    char second[SIM_MAX_ADDRESS];
+    char fibre[SIM_MAX_ADDRESS];
+    char interface[2][16]; /* of FIRST and SECOND */
+    double switchover, startWait;
     simLine *lines;
     size_t lineCount;
 } simConfig;
+
+enum { simSingle, simBoth, simFirst, simSecond };
 
 /* Splits a line in place into words at blanks. "..." keeps blanks, \" and \\ within.
  * A word that begins with # ends the line. Returns the number of words, or -1 with the

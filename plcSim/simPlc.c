@@ -353,7 +353,7 @@ static void callProgram(simPlc *plc, int send, const epicsUInt8 *received)
     simInputs in;
 
     in.now = simNow();
-    in.connected = simServerConnected(&plc->server);
+    in.connected = simServerConnected(&plc->server) && !plc->passive;
     in.remote = !plc->local;
     in.send = send;
     in.received = received;
@@ -369,9 +369,17 @@ static void onWatch(void *arg)
     callProgram(arg, 0, NULL);
 }
 
+static void tellChanged(simPlc *plc)
+{
+    if (plc->changed)
+        plc->changed(plc->changedArg);
+}
+
 /* While SEND is busy nothing is made, so that counters count what was sent. */
 static void makeBlock(simPlc *plc)
 {
+    if (plc->passive)
+        return;
     if (simServerConnected(&plc->server) && !simServerReady(&plc->server)) {
         simServerSend(&plc->server, plc->tx ? plc->tx->bytes : NULL);
         return;
@@ -382,6 +390,7 @@ static void makeBlock(simPlc *plc)
     callProgram(plc, 1, NULL);
     if (plc->tx)
         simServerSend(&plc->server, plc->tx->bytes);
+    tellChanged(plc);
 }
 
 /* SEND watchdog: a block that does not leave ends the connection. */
@@ -446,9 +455,14 @@ static void onReceived(void *owner, const epicsUInt8 *block)
     simPlc *plc = owner;
 
     remember(plc, block);
+    if (plc->passive) {
+        plc->ignored++;
+        return;
+    }
     callProgram(plc, 0, block);
     if (!plc->local)
         takeMirrors(plc);
+    tellChanged(plc);
 }
 
 static void onWantBlock(void *owner)
@@ -471,16 +485,39 @@ int simPlcStart(simPlc *plc, const char *address, unsigned port)
     return 0;
 }
 
+void simPlcStop(simPlc *plc)
+{
+    simTimerStop(plc->loop, &plc->cycle);
+    simTimerStop(plc->loop, &plc->power);
+    simTimerStop(plc->loop, &plc->watch);
+    if (plc->server.loop)
+        simServerClose(&plc->server);
+    memset(&plc->server, 0, sizeof(plc->server));
+    plc->server.listener = plc->server.client = -1;
+}
+
 void simPlcPeriod(simPlc *plc, double seconds)
 {
     plc->period = seconds;
     if (plc->off)
         return;
     plc->next = simNow();
-    simTimerSet(plc->loop, &plc->cycle, plc->next, onCycle, plc);
+    onCycle(plc);
 }
 
-/* ---- restart, LOCAL ---- */
+/* ---- roles, restart, LOCAL ---- */
+
+void simPlcLead(simPlc *plc, int lead)
+{
+    plc->passive = !lead;
+    if (plc->off)
+        return;
+    if (!lead)
+        simServerForget(&plc->server);
+    callProgram(plc, 0, NULL);
+    if (lead)
+        simPlcPeriod(plc, plc->period);
+}
 
 static void onPower(void *arg)
 {

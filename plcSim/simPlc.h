@@ -45,6 +45,10 @@ typedef struct simPlc {
     simFreeze freeze;
     int local;             /* the HMI has control: received blocks are not taken */
     int off;               /* restarting */
+    int passive;           /* BACKUP of a pair: sends nothing, takes nothing */
+    epicsUInt64 ignored;   /* blocks that came while passive */
+    void (*changed)(void *arg); /* called when memory may have changed, or NULL */
+    void *changedArg;
     unsigned restarts;
     simTimer cycle, power, watch;
     epicsUInt64 sentBytes; /* when the SEND watchdog looked last */
@@ -63,12 +67,16 @@ int simPlcBuild(simPlc *plc, simLoop *loop, const simConfig *config, const char 
                 simText *out);
 /* Listens and starts the cycle. Returns 0 or -1 after a message. */
 int simPlcStart(simPlc *plc, const char *address, unsigned port);
+/* Stops the cycle and listening; may be started again. */
+void simPlcStop(simPlc *plc);
 void simPlcFree(simPlc *plc);
 
 void simPlcPeriod(simPlc *plc, double seconds);
 /* Power off, and on again after `seconds`. Data blocks keep their values, the send and
  * receive blocks become zero. A cold restart sets all memory to its initial values. */
 void simPlcRestart(simPlc *plc, double seconds, int cold);
+/* PRIMARY or BACKUP. A new PRIMARY sends a block at once. */
+void simPlcLead(simPlc *plc, int lead);
 void simPlcLocal(simPlc *plc, int local);
 /* The HMI sets a value at once (pointNone), or at that moment of the program. */
 int simPlcHmi(simPlc *plc, simPoint point, char **words, size_t count,

@@ -97,7 +97,35 @@ static int bindSocket(simServer *server)
     return fd;
 }
 
-/* A socket that is bound but does not listen answers connects with RST and keeps the port. */
+/* With a full accept queue the kernel drops a SYN without an answer, which is what a pulled
+ * cable looks like from the other end. We fill the queue with connections of our own. */
+static void fillQueue(simServer *server)
+{
+    int i;
+
+    listen(server->listener, 0);
+    for (i = 0; i < SIM_DECOYS; i++) {
+        server->decoys[i] = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+        if (server->decoys[i] >= 0)
+            connect(server->decoys[i], (struct sockaddr *)&server->address,
+                    sizeof(server->address));
+    }
+}
+
+static void closeDecoys(simServer *server)
+{
+    int i;
+
+    for (i = 0; i < SIM_DECOYS; i++) {
+        if (server->decoys[i] >= 0)
+            close(server->decoys[i]);
+        server->decoys[i] = -1;
+    }
+}
+
+/* Makes the listening socket anew, for the state of things: unplugged it answers nobody;
+ * off or refusing it is bound but does not listen, so that connects get RST and the port
+ * stays ours. */
 static int listenAgain(simServer *server)
 {
     int wanted = !server->down && !server->faults.refuse;
@@ -106,13 +134,17 @@ static int listenAgain(simServer *server)
         simLoopForget(server->loop, server->listener);
         close(server->listener);
     }
+    closeDecoys(server);
     server->listener = bindSocket(server);
-    if (server->listener < 0 || (wanted && listen(server->listener, BACKLOG))) {
+    if (server->listener < 0 ||
+        (wanted && !server->faults.unplugged && listen(server->listener, BACKLOG))) {
         simComplain(server->name, "cannot listen on %s: %s", simServerAddress(server),
                     strerror(errno));
         return -1;
     }
-    if (wanted)
+    if (server->faults.unplugged)
+        fillQueue(server);
+    else if (wanted)
         simLoopWatch(server->loop, server->listener, POLLIN, onListener, server);
     return 0;
 }
@@ -149,17 +181,6 @@ static void dropQueue(simServer *server)
     while ((c = (chunk *)ellGet(&server->queue)))
         free(c);
     server->queued = 0;
-}
-
-static void closeDecoys(simServer *server)
-{
-    int i;
-
-    for (i = 0; i < SIM_DECOYS; i++) {
-        if (server->decoys[i] >= 0)
-            close(server->decoys[i]);
-        server->decoys[i] = -1;
-    }
 }
 
 void simServerClose(simServer *server)
@@ -442,6 +463,16 @@ static int pump(simServer *server)
     return 0;
 }
 
+void simServerForget(simServer *server)
+{
+    chunk *c = (chunk *)ellFirst(&server->queue);
+
+    if (c && c->sent)
+        simServerDrop(server, 1, "half a block was out");
+    else
+        dropQueue(server);
+}
+
 static void onTimer(void *arg)
 {
     update(arg);
@@ -605,19 +636,16 @@ void simServerFragment(simServer *server, size_t bytes, double pause)
     update(server);
 }
 
-/* With a full accept queue the kernel drops a SYN without an answer, which is what a pulled
- * cable looks like from the other end. We fill the queue with connections of our own. */
-static void fillQueue(simServer *server)
+/* The listening socket stays, so that connects which were tried meanwhile come through. */
+static void plugIn(simServer *server)
 {
-    int i;
-
-    listen(server->listener, 0);
-    for (i = 0; i < SIM_DECOYS; i++) {
-        server->decoys[i] = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-        if (server->decoys[i] >= 0)
-            connect(server->decoys[i], (struct sockaddr *)&server->address,
-                    sizeof(server->address));
+    if (server->down || server->faults.refuse || listen(server->listener, BACKLOG)) {
+        listenAgain(server);
+        return;
     }
+    acceptAll(server);
+    closeDecoys(server);
+    simLoopWatch(server->loop, server->listener, POLLIN, onListener, server);
 }
 
 void simServerUnplug(simServer *server, int on)
@@ -625,18 +653,10 @@ void simServerUnplug(simServer *server, int on)
     if (server->faults.unplugged == on)
         return;
     server->faults.unplugged = on;
-    if (!server->down && !server->faults.refuse && server->listener >= 0) {
-        if (on) {
-            simLoopWatch(server->loop, server->listener, 0, onListener, server);
-            fillQueue(server);
-        } else {
-            listen(server->listener, BACKLOG);
-            acceptAll(server);
-            simLoopWatch(server->loop, server->listener, POLLIN, onListener, server);
-        }
-    }
-    if (!on)
-        closeDecoys(server);
+    if (on)
+        listenAgain(server);
+    else
+        plugIn(server);
     update(server);
 }
 

@@ -91,6 +91,10 @@ int simServerReady(const simServer *server);
 /* Sends n random bytes between two blocks. Returns -1 when not connected. */
 int simServerGarbage(simServer *server, size_t n);
 
+/* Takes back blocks that have not begun to leave. Where one is half out, the connection is
+ * reset, since it could only go on with the rest of that block. */
+void simServerForget(simServer *server);
+
 /* Ends the connection with FIN, or with RST. The owner is told. */
 void simServerDrop(simServer *server, int reset, const char *reason);
 /* PLC off: connection reset, no listening. PLC on again. */
