@@ -8,7 +8,8 @@
 
 /* Bytes that come after this much quiet begin a new burst. */
 #define QUIET_NS 2000000u
-/* Equal bursts in a row, none ending at the end of a block, that prove a wrong size. */
+/* Equal bursts in a row, over at least two blocks, that prove a wrong size: a PLC that
+ * sends its blocks in pieces has a piece of another size at the end of each. */
 #define PROOF 3
 /* The same for bursts under half a block, which are more likely pieces of a block. */
 #define PROOF_SMALL 32
@@ -88,7 +89,7 @@ static void closeBurst(plcFraming *f, int aligned)
         f->suspect = size;
 
     if (odd && f->equal >= (2 * size >= f->blockSize ? PROOF : PROOF_SMALL) &&
-        f->bursts >= f->equal && f->unaligned >= 2 * f->blockSize) {
+        f->equal * size >= 2 * f->blockSize) {
         f->suspect = size;
         f->verdict = plcFramingWrong;
     } else if (f->bursts >= PROOF_NEVER &&
@@ -100,7 +101,7 @@ static void closeBurst(plcFraming *f, int aligned)
 
 void plcFramingAdd(plcFraming *f, size_t count, epicsUInt64 now)
 {
-    size_t rest;
+    int whole;
 
     if (!f->blockSize || !count)
         return;
@@ -112,10 +113,13 @@ void plcFramingAdd(plcFraming *f, size_t count, epicsUInt64 now)
     f->burst += count;
     f->unaligned += count;
     f->fill += count;
-    rest = f->fill % f->blockSize;
+    /* A block's end counts when the burst began with a block, or is of the first block. */
+    whole = f->fill % f->blockSize == 0 &&
+            (f->burst % f->blockSize == 0 || f->unaligned <= f->blockSize);
     if (f->verdict == plcFramingOpen &&
-        (rest == 0 ||
-         (f->bursts > PATIENCE && f->unaligned >= PATIENCE * f->blockSize) ||
+        (whole ||
+         (f->bursts > PATIENCE && f->equal <= PATIENCE &&
+          f->unaligned >= PATIENCE * f->blockSize) ||
          (f->bursts == 0 && f->unaligned >= 8 * PATIENCE * f->blockSize)))
         f->verdict = plcFramingTrusted;
 }

@@ -1,0 +1,273 @@
+/* Block framing and the diagnosis of a wrong block size: bytes and times in, blocks and a
+ * verdict out. Time is made up here, so nothing depends on how fast the machine is. */
+#include <stdlib.h>
+#include <string.h>
+
+#include <epicsUnitTest.h>
+#include <testMain.h>
+
+#include "plcFraming.h"
+
+#define MS 1000000ull
+
+/* A sender with its clock, and what the receiver made of it. */
+typedef struct stream {
+    plcFraming *framing;
+    size_t blockSize;
+    epicsUInt64 now;
+    size_t sent;     /* bytes since the connection was made */
+    size_t used;     /* blocks that a station would have used */
+    size_t wrong;    /* of them: not what the sender meant as a block */
+    size_t senderBlock;
+} stream;
+
+static void streamOpen(stream *s, size_t blockSize, size_t senderBlock)
+{
+    memset(s, 0, sizeof(*s));
+    s->framing = plcFramingCreate(blockSize);
+    s->blockSize = blockSize;
+    s->senderBlock = senderBlock;
+    s->now = 5000 * MS;
+}
+
+/* Byte i of each of the sender's blocks is i modulo 251. */
+static void look(stream *s)
+{
+    const unsigned char *newest = plcFramingNewest(s->framing);
+    size_t i;
+
+    if (newest && plcFramingJudge(s->framing) == plcFramingTrusted) {
+        s->used += plcFramingCount(s->framing);
+        for (i = 0; i < s->blockSize && newest[i] == (unsigned char)(i % 251); i++)
+            ;
+        s->wrong += i < s->blockSize;
+    }
+    plcFramingConsume(s->framing);
+}
+
+/* `size` bytes that arrive `gap` ns after those before. */
+static void arrive(stream *s, size_t size, epicsUInt64 gap)
+{
+    s->now += gap;
+    while (size) {
+        size_t room, i;
+        unsigned char *space = plcFramingSpace(s->framing, &room);
+
+        if (room > size)
+            room = size;
+        for (i = 0; i < room; i++)
+            space[i] = (unsigned char)((s->sent + i) % s->senderBlock % 251);
+        s->sent += room;
+        plcFramingAdd(s->framing, room, s->now);
+        look(s);
+        size -= room;
+    }
+}
+
+static const char *const verdicts[] = {"open", "trusted", "wrong"};
+
+static const struct {
+    const char *sentence;
+    size_t blockSize; /* configured */
+    size_t sends;     /* bytes of a block of the sender */
+    size_t piece;     /* each sender block comes in pieces of this size, 0 = whole */
+    epicsUInt64 quiet;    /* ms before each piece */
+    int blocks;
+    plcFramingVerdict verdict;
+    size_t burst;
+    size_t minUsed;
+} rows[] = {
+    {"64 bytes each 100 ms where 64 are configured: all blocks are used", 64, 64, 0, 100, 50,
+     plcFramingTrusted, 0, 50},
+    {"a first block alone is used at once", 64, 64, 0, 100, 1, plcFramingTrusted, 0, 1},
+    {"60 where 64 are configured: wrong, both sizes known", 64, 60, 0, 100, 20,
+     plcFramingWrong, 60, 0},
+    {"100 where 64 are configured: wrong", 64, 100, 0, 100, 20, plcFramingWrong, 100, 0},
+    {"96 where 64 are configured, equal ends now and then: wrong", 64, 96, 0, 100, 20,
+     plcFramingWrong, 96, 0},
+    {"48 where 64 are configured: wrong", 64, 48, 0, 100, 20, plcFramingWrong, 48, 0},
+    {"63 where 64 are configured: wrong", 64, 63, 0, 100, 20, plcFramingWrong, 63, 0},
+    {"65 where 64 are configured: wrong", 64, 65, 0, 100, 20, plcFramingWrong, 65, 0},
+    {"10 where 64 are configured: wrong, after more proof", 64, 10, 0, 100, 100,
+     plcFramingWrong, 10, 0},
+    {"3 ms between blocks are enough to tell", 64, 60, 0, 3, 20, plcFramingWrong, 60, 0},
+    {"pieces of 10 with quiet between them are the pieces of one block", 64, 64, 10, 5, 100,
+     plcFramingTrusted, 0, 100},
+    {"pieces of 40 with quiet between them are the pieces of one block", 64, 64, 40, 5, 100,
+     plcFramingTrusted, 0, 100},
+    {"single bytes, one per second: a suspicion, but used", 64, 64, 1, 1000, 5, plcFramingTrusted, 1, 5},
+    {"twice the size is a suspicion, not a verdict", 64, 128, 0, 100, 30, plcFramingTrusted,
+     128, 30},
+    {"half the size is a suspicion, not a verdict", 64, 32, 0, 100, 60, plcFramingTrusted, 32,
+     20},
+    {"no quiet at all: taken as it comes", 64, 64, 0, 0, 2000, plcFramingTrusted, 0, 1000},
+    {"blocks of one byte", 1, 1, 0, 10, 100, plcFramingTrusted, 0, 100},
+    {"two bytes where one is configured: a suspicion", 1, 2, 0, 10, 100, plcFramingTrusted, 2,
+     100},
+    {"blocks of 64 KiB in one piece", 65536, 65536, 0, 50, 10, plcFramingTrusted, 0, 10},
+    {"blocks of 64 KiB in segments of 1460", 65536, 65536, 1460, 0, 100, plcFramingTrusted, 0,
+     10},
+    {"65535 bytes where 65536 are configured: wrong", 65536, 65535, 0, 50, 10,
+     plcFramingWrong, 65535, 0},
+    {"blocks of 1 MiB", 1 << 20, 1 << 20, 8192, 0, 40, plcFramingTrusted, 0, 10},
+};
+
+static void testRow(size_t row)
+{
+    stream s;
+    int block;
+
+    streamOpen(&s, rows[row].blockSize, rows[row].sends);
+    for (block = 0; block < rows[row].blocks; block++) {
+        size_t left = rows[row].sends, piece = rows[row].piece ? rows[row].piece : left;
+
+        if (plcFramingJudge(s.framing) == plcFramingWrong)
+            break;
+        for (; left; left -= piece) {
+            if (piece > left)
+                piece = left;
+            arrive(&s, piece, rows[row].quiet * MS);
+        }
+    }
+    testOk(plcFramingJudge(s.framing) == rows[row].verdict &&
+               plcFramingBurst(s.framing) == rows[row].burst &&
+               s.used >= rows[row].minUsed &&
+               (rows[row].verdict != plcFramingWrong || s.used == 0) &&
+               (rows[row].blockSize != rows[row].sends || s.wrong == 0),
+           "%s", rows[row].sentence);
+    testDiag("%s after %d blocks, bursts of %lu, %lu blocks used, %lu of them wrong",
+             verdicts[plcFramingJudge(s.framing)], block,
+             (unsigned long)plcFramingBurst(s.framing), (unsigned long)s.used,
+             (unsigned long)s.wrong);
+    plcFramingDestroy(s.framing);
+}
+
+/* Pseudo random numbers that are the same on each run. */
+static unsigned next(unsigned *seed)
+{
+    *seed = *seed * 1664525u + 1013904223u;
+    return *seed >> 8;
+}
+
+static void testRandomPieces(void)
+{
+    unsigned seed = 4711;
+    int good = 0, run;
+
+    for (run = 0; run < 50; run++) {
+        size_t size = 2 + next(&seed) % 2000;
+        int block;
+        stream s;
+
+        streamOpen(&s, size, size);
+        for (block = 0; block < 200; block++) {
+            size_t left, piece;
+
+            for (left = size; left; left -= piece) {
+                piece = 1 + next(&seed) % left;
+                arrive(&s, piece, next(&seed) % 5 * MS);
+            }
+        }
+        good += plcFramingJudge(s.framing) == plcFramingTrusted && s.wrong == 0 &&
+                s.used >= 190;
+        plcFramingDestroy(s.framing);
+    }
+    testOk(good == 50, "blocks in random pieces are never taken for a wrong size (%d of 50)",
+           good);
+}
+
+static void testNoSize(void)
+{
+    unsigned seed = 815;
+    stream s;
+    int i;
+
+    streamOpen(&s, 64, 1);
+    for (i = 0; i < 2000 && plcFramingJudge(s.framing) != plcFramingWrong; i++)
+        arrive(&s, 65 + next(&seed) % 60, 10 * MS);
+    testOk(plcFramingJudge(s.framing) == plcFramingWrong && plcFramingBurst(s.framing) == 0,
+           "pieces of random size that fit nothing: wrong, and no size is claimed (%d)", i);
+    plcFramingDestroy(s.framing);
+}
+
+static void testLateChange(void)
+{
+    stream s;
+    int i;
+
+    streamOpen(&s, 64, 64);
+    for (i = 0; i < 1000; i++)
+        arrive(&s, 64, 10 * MS);
+    testOk(plcFramingJudge(s.framing) == plcFramingTrusted, "right for long");
+    s.senderBlock = 60;
+    for (i = 0; i < 10; i++)
+        arrive(&s, 60, 10 * MS);
+    testOk(plcFramingJudge(s.framing) == plcFramingWrong && plcFramingBurst(s.framing) == 60,
+           "then the PLC program changes to 60 bytes: found out");
+    plcFramingReset(s.framing);
+    testOk(plcFramingJudge(s.framing) == plcFramingOpen && !plcFramingBurst(s.framing) &&
+               !plcFramingCount(s.framing),
+           "a new connection forgets all of it");
+    s.sent = 0;
+    s.senderBlock = 64;
+    s.used = 0;
+    arrive(&s, 64, 10 * MS);
+    testOk(s.used == 1, "and takes its first block");
+    plcFramingDestroy(s.framing);
+}
+
+static void testBacklog(void)
+{
+    unsigned char *space;
+    size_t room, i;
+    plcFraming *f = plcFramingCreate(100);
+
+    space = plcFramingSpace(f, &room);
+    testOk(room >= 1000, "room for a backlog");
+    for (i = 0; i < 350; i++)
+        space[i] = (unsigned char)(i / 100);
+    plcFramingAdd(f, 350, MS);
+    testOk(plcFramingCount(f) == 3 && *(const char *)plcFramingNewest(f) == 2,
+           "of three and a half blocks the third is the newest whole one");
+    plcFramingConsume(f);
+    space = plcFramingSpace(f, &room);
+    memset(space, 3, 50);
+    plcFramingAdd(f, 50, MS);
+    testOk(plcFramingCount(f) == 1 && *(const char *)plcFramingNewest(f) == 3,
+           "the half block stays and is completed by what comes");
+    plcFramingDestroy(f);
+}
+
+static void testNoInput(void)
+{
+    plcFraming *f = plcFramingCreate(0);
+    size_t room;
+    int i, ok = 1;
+
+    for (i = 0; i < 1000; i++) {
+        plcFramingSpace(f, &room);
+        ok = ok && room > 0;
+        plcFramingAdd(f, room, i * 10 * MS);
+        ok = ok && plcFramingCount(f) == 0 && !plcFramingNewest(f) &&
+             plcFramingJudge(f) == plcFramingOpen;
+        plcFramingConsume(f);
+    }
+    testOk(ok, "inSize 0: what comes is dropped, there is always room");
+    plcFramingDestroy(f);
+    plcFramingDestroy(NULL);
+}
+
+MAIN(framingTest)
+{
+    size_t i;
+
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 10);
+    for (i = 0; i < sizeof(rows) / sizeof(rows[0]); i++)
+        testRow(i);
+    testRandomPieces();
+    testNoSize();
+    testLateChange();
+    testBacklog();
+    testNoInput();
+    return testDone();
+}
