@@ -1,0 +1,90 @@
+"""The CA client (pyepics with Base's libca) and its environment, which the IOCs share.
+
+Importing this module chooses ports that nobody else uses, so that tests of several users,
+or several workers of one run, do not see each other's IOCs.
+"""
+import os
+import socket
+import struct
+import threading
+from pathlib import Path
+
+TOP = Path(__file__).resolve().parents[2]
+
+
+def free_port():
+    """A port of 127.0.0.1 that is free for TCP and UDP."""
+    while True:
+        with socket.socket() as tcp, socket.socket(type=socket.SOCK_DGRAM) as udp:
+            tcp.bind(("127.0.0.1", 0))
+            try:
+                udp.bind(tcp.getsockname())
+            except OSError:
+                continue
+            return tcp.getsockname()[1]
+
+
+class Repeater:
+    """Stands in for caRepeater, which would outlive us and keep our stdout open.
+
+    It confirms each client that registers, and repeats nothing: beacons are not needed.
+    """
+
+    def __init__(self):
+        self.socket = socket.socket(type=socket.SOCK_DGRAM)
+        self.socket.bind(("", 0))
+        self.port = self.socket.getsockname()[1]
+        threading.Thread(target=self.run, daemon=True).start()
+
+    def run(self):
+        confirm = struct.pack(">HHHHI4s", 17, 0, 0, 0, 0, socket.inet_aton("127.0.0.1"))
+        while True:
+            try:
+                _, sender = self.socket.recvfrom(1024)
+                self.socket.sendto(confirm, sender)
+            except OSError:
+                return
+
+
+def epics_base():
+    """EPICS_BASE from configure/RELEASE.local, as the build has it."""
+    for line in (TOP / "configure/RELEASE.local").read_text().splitlines():
+        name, _, value = line.partition("=")
+        if name.strip() == "EPICS_BASE":
+            return Path(value.strip())
+    return Path(os.environ["EPICS_BASE"])
+
+
+BASE = epics_base()
+_PRODUCTS = [p for p in TOP.glob("bin/*/s7plcIoc")]
+ARCH = os.environ.get("EPICS_HOST_ARCH") or (_PRODUCTS[0].parent.name if _PRODUCTS else "")
+PVA_PORT, PVA_UDP = free_port(), free_port()
+REPEATER = Repeater()
+
+os.environ.update(
+    EPICS_CA_SERVER_PORT=str(free_port()),
+    EPICS_CA_REPEATER_PORT=str(REPEATER.port),
+    EPICS_CA_ADDR_LIST="127.0.0.1",
+    EPICS_CA_AUTO_ADDR_LIST="NO",
+    EPICS_CA_MAX_ARRAY_BYTES="2000000",
+    EPICS_CAS_INTF_ADDR_LIST="127.0.0.1",
+    EPICS_CAS_AUTO_BEACON_ADDR_LIST="NO",
+    EPICS_CAS_BEACON_ADDR_LIST="127.0.0.1",
+    EPICS_PVA_SERVER_PORT=str(PVA_PORT),
+    EPICS_PVA_BROADCAST_PORT=str(PVA_UDP),
+    EPICS_PVA_ADDR_LIST="127.0.0.1",
+    EPICS_PVA_AUTO_ADDR_LIST="NO",
+    EPICS_PVAS_INTF_ADDR_LIST="127.0.0.1",
+    EPICS_PVAS_BEACON_ADDR_LIST="127.0.0.1",
+    EPICS_PVAS_AUTO_BEACON_ADDR_LIST="NO",
+)
+_LIBCA = BASE / "lib" / ARCH / "libca.so"
+if _LIBCA.exists():
+    os.environ["PYEPICS_LIBCA"] = str(_LIBCA)
+
+import epics  # noqa: E402
+
+
+def stop():
+    epics.ca.finalize_libca()
+    REPEATER.socket.close()

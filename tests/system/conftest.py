@@ -1,0 +1,96 @@
+"""What all system tests share: ports of our own, fixtures, and sentences as test names."""
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import client  # noqa: E402  (sets the environment before anything loads libca)
+from blackhole import BlackHole  # noqa: E402
+from ioc import Ioc  # noqa: E402
+from peer import Peer  # noqa: E402
+from sim import Sim  # noqa: E402
+
+
+def pytest_collection_modifyitems(items):
+    """The first line of a test's docstring is its name in the report. {x} is a parameter."""
+    for item in items:
+        sentence = (item.obj.__doc__ or item.name).strip().splitlines()[0].rstrip(".")
+        if hasattr(item, "callspec"):
+            words = {k: getattr(v, "__name__", v) for k, v in item.callspec.params.items()}
+            words["id"] = item.callspec.id
+            sentence = sentence.format_map(words)
+        item._nodeid = f"{item.nodeid.split('::')[0]}::{sentence}"
+
+
+@pytest.fixture
+def closing():
+    """Collects what has close(); closes it after the test, last made first."""
+    things = []
+    yield things.append
+    errors = []
+    for thing in reversed(things):
+        try:
+            thing.close()
+        except Exception as error:  # the others must be closed all the same
+            errors.append(error)
+    if errors:
+        raise errors[0]
+
+
+@pytest.fixture
+def new_ioc(tmp_path, closing):
+    """new_ioc(configure lines, database text, ...) makes an IOC and waits for iocInit."""
+    def make(*args, start=True, **kw):
+        ioc = Ioc(tmp_path, *args, **kw)
+        closing(ioc)
+        return ioc.start() if start else ioc
+    return make
+
+
+@pytest.fixture
+def new_peer(closing):
+    """new_peer(in bytes, out bytes) makes a scripted PLC that listens."""
+    def make(*args, **kw):
+        peer = Peer(*args, **kw)
+        closing(peer)
+        return peer
+    return make
+
+
+@pytest.fixture
+def new_sim(tmp_path, closing):
+    """new_sim(lines of a .plc file) starts plcSim."""
+    def make(text, *options):
+        sim = Sim(tmp_path, text, *options)
+        closing(sim)
+        return sim
+    return make
+
+
+@pytest.fixture
+def black_hole(closing):
+    """A port that answers nothing to a connect: no RST, no SYN-ACK."""
+    hole = BlackHole()
+    closing(hole)
+    return hole
+
+
+@pytest.fixture
+def need_root():
+    """Skips the test where namespaces of our own are not allowed."""
+    if os.geteuid() != 0:
+        pytest.skip("needs root")
+    try:
+        subprocess.run(["unshare", "-n", "-m", "true"], check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("needs network and mount namespaces (unshare)")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def ca_client():
+    yield
+    client.stop()

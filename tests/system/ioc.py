@@ -1,0 +1,174 @@
+"""One IOC as a user runs it: s7plcIoc with an st.cmd, commands on its shell, CA to its PVs."""
+import itertools
+import subprocess
+import threading
+import time
+
+import epics
+
+from client import ARCH, TOP
+from waiting import LIMIT, until, until_equal
+
+PROGRAM = TOP / "bin" / ARCH / "s7plcIoc"
+DBD = TOP / "dbd/s7plcIoc.dbd"
+_prefixes = itertools.count()
+
+
+class Ioc:
+    """P is the prefix of its records: $(P) in the database, left out in get() and put()."""
+
+    def __init__(self, directory, configure, db, after="", wrapper=(), env=None):
+        self.P = f"t{next(_prefixes)}:"
+        self.pvs = {}
+        self.lines = []
+        self.changed = threading.Condition()
+        self.marks = itertools.count()
+        self.process = None
+        self.wrapper = list(wrapper)
+        self.env = env
+        self.db = directory / f"{self.P[:-1]}.db"
+        self.script = directory / f"{self.P[:-1]}.cmd"
+        self.db.write_text(db)
+        self.script.write_text(
+            f'dbLoadDatabase("{DBD}")\n'
+            "s7plcIoc_registerRecordDeviceDriver(pdbbase)\n"
+            f"{configure}\n"
+            f'dbLoadRecords("{self.db}", "P={self.P}")\n'
+            f"iocInit\n{after}\n")
+
+    # --- the process ---------------------------------------------------------------------
+
+    def start(self, limit=60):
+        self.process = subprocess.Popen(
+            self.wrapper + [str(PROGRAM), str(self.script)], stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=self.env)
+        threading.Thread(target=self._read, daemon=True).start()
+        self.command("", limit)
+        return self
+
+    def _read(self):
+        for raw in self.process.stdout:
+            with self.changed:
+                self.lines.append(raw.decode(errors="replace").rstrip("\n"))
+                self.changed.notify_all()
+
+    @property
+    def log(self):
+        """Everything printed so far."""
+        with self.changed:
+            return "\n".join(self.lines)
+
+    def log_count(self, text):
+        return self.log.count(text)
+
+    def wait_log(self, text, limit=LIMIT):
+        """Waits for a line that contains `text`; returns it."""
+        def find():
+            with self.changed:
+                return next((line for line in self.lines if text in line), None)
+        return until(find, lambda: f"{text!r} in the log:\n{self.log}", limit)
+
+    def command(self, text, limit=LIMIT):
+        """Types a command into the IOC shell; returns what it printed."""
+        mark = f"mark-{next(self.marks)}"
+        with self.changed:
+            begin = len(self.lines)
+        self.process.stdin.write(f"{text}\neltc 1\necho {mark}\n".encode())
+        self.process.stdin.flush()
+        deadline = time.monotonic() + limit
+        with self.changed:
+            while mark not in self.lines[begin:]:
+                if self.process.poll() is not None:
+                    raise AssertionError(f"the IOC ended:\n{self.log}")
+                if not self.changed.wait(min(1, max(0, deadline - time.monotonic()))) \
+                        and time.monotonic() > deadline:
+                    raise AssertionError(f"no answer to {text!r}:\n" + "\n".join(self.lines))
+            lines = self.lines[begin:self.lines.index(mark, begin)]
+        echo = {f"epics> {text}", "epics> eltc 1", f"epics> echo {mark}"}
+        return "\n".join(line for line in lines if line not in echo)
+
+    def exit(self, limit=LIMIT):
+        """Types exit; returns the exit status. A hang is a failure."""
+        self.drop_clients()
+        try:
+            self.process.stdin.write(b"exit\n")
+            self.process.stdin.close()
+        except (BrokenPipeError, ValueError):
+            pass
+        try:
+            return self.process.wait(limit)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+            raise AssertionError(f"the IOC hangs on exit:\n{self.log}") from None
+
+    def drop_clients(self):
+        for pv in self.pvs.values():
+            pv.disconnect()
+        self.pvs.clear()
+
+    def close(self):
+        if self.process and self.process.poll() is None:
+            assert self.exit() == 0, f"the IOC did not end well:\n{self.log}"
+        elif self.process:
+            self.drop_clients()
+            assert self.process.returncode == 0, f"the IOC died:\n{self.log}"
+
+    def cpu_seconds(self):
+        """CPU time that the process has used."""
+        with open(f"/proc/{self.process.pid}/stat") as stat:
+            fields = stat.read().rsplit(")", 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / 100
+
+    # --- records over Channel Access --------------------------------------------------------
+
+    def pv(self, name):
+        if name not in self.pvs:
+            pv = epics.PV(self.P + name, auto_monitor=False)
+            self.pvs[name] = pv
+            assert pv.wait_for_connection(LIMIT), f"no PV {self.P + name}\n{self.log}"
+        return self.pvs[name]
+
+    def get(self, name, **kw):
+        """The value now, asked from the IOC."""
+        value = self.pv(name).get(use_monitor=False, timeout=LIMIT, **kw)
+        assert value is not None, f"caget {name} got no answer"
+        return value
+
+    def text(self, name):
+        """The value as caget -s has it."""
+        return self.get(name, as_string=True)
+
+    def put(self, name, value, wait=True):
+        self.pv(name).put(value, wait=wait, timeout=LIMIT)
+
+    def process_record(self, name):
+        self.put(name + ".PROC", 1)
+
+    def severity(self, name):
+        return self.text(name + ".SEVR")
+
+    def alarm(self, name):
+        """SEVR, STAT and AMSG, for example ('INVALID', 'COMM', 'no block for 2.0 s')."""
+        return tuple(self.text(f"{name}.{field}") for field in ("SEVR", "STAT", "AMSG"))
+
+    def wait_value(self, name, wanted, limit=LIMIT):
+        return until_equal(lambda: self.plain(name), wanted, limit)
+
+    def plain(self, name):
+        """The value as plain Python data."""
+        value = self.get(name)
+        return value.tolist() if hasattr(value, "tolist") else value
+
+    def wait_alarm(self, name, *wanted, limit=LIMIT):
+        """Waits for SEVR, then STAT and AMSG where given (AMSG: a part of it)."""
+        seen = []
+
+        def check():
+            seen[:] = [self.alarm(name)]
+            severity, status, message = seen[0]
+            return (severity == wanted[0] and
+                    (len(wanted) < 2 or status == wanted[1]) and
+                    (len(wanted) < 3 or wanted[2] in message))
+        until(check, lambda: f"{name} has {seen[0]}, wanted {wanted}", limit)
+        return seen[0]

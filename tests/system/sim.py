@@ -1,0 +1,58 @@
+"""plcSim as a child process, with its console on a unix socket."""
+import itertools
+import socket
+import subprocess
+import threading
+
+from client import ARCH, TOP
+from waiting import until
+
+PROGRAM = TOP / "bin" / ARCH / "plcSim"
+_numbers = itertools.count()
+
+
+class Sim:
+    def __init__(self, directory, text, *options):
+        number = next(_numbers)
+        file = directory / f"sim{number}.plc"
+        file.write_text(text)
+        self.path = directory / f"sim{number}.sock"
+        self.lines = []
+        self.port = None
+        self.process = subprocess.Popen(
+            [str(PROGRAM), "-n", "-p", "0", "-c", str(self.path), *options, str(file)],
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        threading.Thread(target=self._read, daemon=True).start()
+        until(lambda: self.port and any("console on" in line for line in self.lines),
+              lambda: "plcSim listening:\n" + "\n".join(self.lines))
+        self.console = socket.socket(socket.AF_UNIX)
+        self.console.connect(str(self.path))
+        self.answers = self.console.makefile("r")
+
+    def _read(self):
+        for raw in self.process.stdout:
+            line = raw.decode(errors="replace").rstrip()
+            if " listening on " in line and self.port is None:
+                self.port = int(line.rsplit(":", 1)[1])
+            self.lines.append(line)
+
+    def command(self, text):
+        """A console command; returns its answer without the closing "ok"."""
+        self.console.sendall(text.encode() + b"\n")
+        answer = []
+        for line in self.answers:
+            line = line.rstrip("\n")
+            assert not line.startswith("error: "), f"plcSim: {text}: {line}"
+            if line == "ok":
+                return "\n".join(answer)
+            answer.append(line)
+        raise AssertionError("plcSim closed its console")
+
+    def close(self):
+        self.console.close()
+        self.process.terminate()
+        try:
+            self.process.wait(10)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            raise AssertionError("plcSim does not end on SIGTERM") from None

@@ -1,0 +1,189 @@
+"""Connect, loss and return of the PLC, alarms, and the records of the connection itself."""
+import struct
+
+import pytest
+
+from waiting import until
+
+DB = """
+record(longin, "$(P)in")   { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT32") field(SCAN, "I/O Intr") }
+record(ai, "$(P)real")     { field(DTYP, "S7plc") field(INP, "@PLC/4 T=REAL32") field(SCAN, "I/O Intr") }
+record(waveform, "$(P)wf") { field(DTYP, "S7plc") field(INP, "@PLC/0") field(FTVL, "SHORT") field(NELM, "4") field(SCAN, "I/O Intr") }
+record(longout, "$(P)out") { field(DTYP, "S7plc") field(OUT, "@PLC/0 T=INT32") }
+record(bi, "$(P)stat")     { field(DTYP, "S7plc stat") field(INP, "@PLC") field(SCAN, "I/O Intr") field(ZNAM, "off") field(ONAM, "on") }
+record(stringout, "$(P)addr") { field(DTYP, "S7plc addr") field(OUT, "@PLC") }
+"""
+
+
+def block(number, real=1.5):
+    return struct.pack(">if", number, real)
+
+
+@pytest.fixture
+def pair(new_peer, new_ioc):
+    """A PLC that listens and an IOC; no block yet."""
+    peer = new_peer(8, 4)
+    ioc = new_ioc(peer.configure(recv_timeout=1000), DB)
+    peer.wait_connected()
+    return peer, ioc
+
+
+def test_values(pair):
+    """the IOC connects to the PLC and records show its values"""
+    peer, ioc = pair
+    peer.send(block(42, 2.5))
+    ioc.wait_value("in", 42)
+    assert ioc.get("real") == 2.5
+    assert ioc.plain("wf") == [0, 42, 0x4020, 0]
+    assert ioc.alarm("in")[:2] == ("NO_ALARM", "NO_ALARM")
+    assert ioc.text("stat") == "on"
+
+
+def test_put(pair):
+    """a caput reaches the PLC as one block"""
+    peer, ioc = pair
+    ioc.put("out", 0x12345678)
+    assert peer.wait_block(b"\x12\x34\x56\x78")
+
+
+def test_no_block_yet(pair):
+    """before the first block of a connection records are INVALID and undefined"""
+    peer, ioc = pair
+    ioc.process_record("in")
+    assert ioc.alarm("in") == ("INVALID", "COMM", "connected, waiting for first block")
+    assert ioc.get("in.UDF") == 1
+    assert ioc.text("stat") == "on"
+    peer.send(block(7))
+    ioc.wait_alarm("in", "NO_ALARM")
+    assert ioc.get("in.UDF") == 0
+
+
+def test_after_reconnect(pair):
+    """after a reconnect the old values are INVALID until a block comes"""
+    peer, ioc = pair
+    peer.send(block(7))
+    ioc.wait_value("in", 7)
+    peer.hang_up()
+    peer.wait_connected(2)
+    ioc.wait_alarm("in", "INVALID", "COMM", "waiting for first block")
+    ioc.wait_alarm("wf", "INVALID", "COMM", "waiting for first block")
+    peer.send(block(8))
+    ioc.wait_value("in", 8)
+    ioc.wait_alarm("wf", "NO_ALARM")
+
+
+@pytest.mark.parametrize("record", ["in", "real", "wf"])
+def test_loss(pair, record):
+    """when the PLC goes away, record "{record}" is INVALID with COMM and the reason"""
+    peer, ioc = pair
+    peer.send(block(7))
+    ioc.wait_value("in", 7)
+    peer.power_off()
+    ioc.wait_alarm(record, "INVALID", "COMM", "refused")
+    ioc.wait_value("stat", 0)
+    assert ioc.severity("stat") == "NO_ALARM"
+    peer.power_on()
+    peer.wait_connected(2)
+    peer.send(block(9))
+    ioc.wait_alarm(record, "NO_ALARM")
+    ioc.wait_value("stat", 1)
+
+
+def test_closed_by_plc(pair):
+    """the log says once who closed the connection"""
+    peer, ioc = pair
+    peer.hang_up()
+    peer.wait_connected(2)
+    ioc.command("")
+    assert ioc.log_count("disconnected: connection closed by PLC") == 1
+
+
+def test_silence(pair):
+    """a PLC that says nothing for recvTimeout is INVALID, with the time in AMSG"""
+    peer, ioc = pair
+    peer.send(block(7))
+    ioc.wait_value("in", 7)
+    ioc.wait_log("no block for 1.0 s")
+    peer.wait_connected(2)
+    assert peer.connections[0].ended == "fin"
+    ioc.wait_alarm("in", "INVALID", "COMM")
+
+
+def test_restarts(pair):
+    """the PLC is power-cycled 20 times, and the IOC is back each time"""
+    peer, ioc = pair
+    for number in range(1, 21):
+        peer.power_off()
+        ioc.wait_value("stat", 0)
+        peer.power_on()
+        peer.wait_connected(number + 1)
+        peer.send(block(number))
+        ioc.wait_value("in", number)
+        assert ioc.severity("in") == "NO_ALARM"
+
+
+def test_write_while_away(pair):
+    """a value written while the PLC is away is COMM/INVALID, and leaves on reconnect"""
+    peer, ioc = pair
+    peer.power_off()
+    ioc.wait_value("stat", 0)
+    ioc.put("out", 5)
+    assert ioc.alarm("out")[:2] == ("INVALID", "COMM")
+    peer.power_on()
+    peer.wait_connected(2)
+    peer.wait_block(b"\0\0\0\x05")
+    assert len(peer.blocks()) == 1
+
+
+def test_resend(pair):
+    """after a reconnect the PLC gets the current values, once, without a new put"""
+    peer, ioc = pair
+    ioc.put("out", 5)
+    peer.wait_block(b"\0\0\0\x05")
+    peer.hang_up()
+    peer.wait_connected(2)
+    peer.wait_block(b"\0\0\0\x05")
+    ioc.put("out", 6)
+    peer.wait_block(b"\0\0\0\x06")
+    assert len(peer.blocks()) == 2
+
+
+def test_address_shown(pair):
+    """"S7plc addr" shows host and port of s7plcConfigure"""
+    peer, ioc = pair
+    assert ioc.get("addr") == f"127.0.0.1:{peer.port}"
+
+
+def test_move(pair, new_peer):
+    """a put to "S7plc addr" moves the IOC to another port at once"""
+    peer, ioc = pair
+    other = new_peer(8, 4)
+    ioc.put("addr", f"127.0.0.1:{other.port}")
+    other.wait_connected()
+    until(lambda: peer.connection.ended == "fin", "end of the old connection")
+    other.send(block(11))
+    ioc.wait_value("in", 11)
+    ioc.put("addr", f"127.0.0.1:{peer.port}")
+    peer.wait_connected(2)
+
+
+def test_bad_move(pair):
+    """a wrong address is refused with WRITE/INVALID, and the connection stays"""
+    peer, ioc = pair
+    ioc.put("addr", "127.0.0.1:99999")
+    assert ioc.alarm("addr") == ("INVALID", "WRITE", "port must be 1 to 65535")
+    peer.send(block(3))
+    ioc.wait_value("in", 3)
+    assert len(peer.connections) == 1
+
+
+def test_move_from_nowhere(new_peer, new_ioc):
+    """a PLC configured without an address waits for "S7plc addr" """
+    peer = new_peer(8, 4)
+    ioc = new_ioc('s7plcConfigure("PLC", "", 0, 8, 4, 1, 1000, 100)', DB)
+    ioc.process_record("in")
+    ioc.wait_alarm("in", "INVALID", "COMM", "no address configured")
+    ioc.put("addr", f"localhost:{peer.port}")
+    peer.wait_connected()
+    peer.send(block(4))
+    ioc.wait_value("in", 4)
