@@ -1,0 +1,564 @@
+/* Scan passes, with real records in a real IOC's callback threads. */
+#include <string.h>
+
+#include <callback.h>
+#include <dbAccess.h>
+#include <dbUnitTest.h>
+#include <devSup.h>
+#include <epicsAtomic.h>
+#include <epicsEvent.h>
+#include <epicsStdio.h>
+#include <epicsTime.h>
+#include <errlog.h>
+#include <longinRecord.h>
+#include <testMain.h>
+
+#include "plcScan.h"
+
+#include <epicsExport.h>
+
+#define BLOCK 203
+#define NO_HANG 60.0 /* s; only a test that would hang for ever waits so long */
+
+void scanTest_registerRecordDeviceDriver(struct dbBase *);
+
+/* A scan and what its done() saw. */
+typedef struct probe {
+    const char *name;
+    plcScan *scan;
+    epicsEventId over;
+    int passes; /* atomic */
+    epicsUInt64 requested;
+} probe;
+
+static probe all = {"all", NULL, NULL, 0, 0};
+static probe range = {"range", NULL, NULL, 0, 0};
+
+static void done(void *pvt, epicsUInt64 requested)
+{
+    probe *p = pvt;
+
+    p->requested = requested;
+    epicsAtomicIncrIntT(&p->passes);
+    epicsEventMustTrigger(p->over);
+}
+
+/* Waits until as many passes are over, since the start of the test. */
+static int waitPasses(probe *p, int passes)
+{
+    while (epicsAtomicGetIntT(&p->passes) < passes) {
+        if (epicsEventWaitWithTimeout(p->over, NO_HANG) != epicsEventWaitOK)
+            return 0;
+    }
+    return epicsAtomicGetIntT(&p->passes) == passes;
+}
+
+/* --- A device support that counts ------------------------------------------------------- */
+
+typedef struct place {
+    probe *p;
+    size_t offset, length;
+} place;
+
+#define MAX_RECORDS 14
+static place places[MAX_RECORDS];
+static int numPlaces;
+
+/* The record that stops in its processing until the gate is opened. */
+static longinRecord *volatile gateRecord;
+static epicsEventId gateReached, gateOpen;
+
+static long initRecord(dbCommon *common)
+{
+    longinRecord *prec = (longinRecord *)common;
+    unsigned long offset, length;
+    char name[20];
+    place *at = &places[numPlaces++];
+
+    if (sscanf(prec->inp.value.instio.string, "%19s %lu %lu", name, &offset, &length) != 3)
+        return S_db_badField;
+    at->p = strcmp(name, "all") == 0 ? &all : &range;
+    at->offset = offset;
+    at->length = length;
+    prec->dpvt = at;
+    return 0;
+}
+
+static long getIoIntInfo(int cmd, dbCommon *prec, IOSCANPVT *list)
+{
+    place *at = prec->dpvt;
+
+    *list = plcScanJoin(at->p->scan, at->offset, at->length, prec->prio, cmd);
+    return 0;
+}
+
+static long readLongin(longinRecord *prec)
+{
+    prec->val++;
+    prec->udf = 0;
+    if (prec == gateRecord) {
+        epicsEventMustTrigger(gateReached);
+        epicsEventMustWait(gateOpen);
+    }
+    return 0;
+}
+
+static const longindset devScanTest = {
+    {5, NULL, NULL, initRecord, getIoIntInfo}, readLongin
+};
+epicsExportAddress(dset, devScanTest);
+
+static longinRecord *record(const char *name)
+{
+    return (longinRecord *)testdbRecordPtr(name);
+}
+
+static void closeGate(const char *name)
+{
+    gateRecord = record(name);
+}
+
+static void openGate(void)
+{
+    gateRecord = NULL;
+    epicsEventMustTrigger(gateOpen);
+}
+
+/* --- One group ---------------------------------------------------------------------------- */
+
+static const char *const allNames[] = {"all:low", "all:low2", "all:medium", "all:high"};
+
+/* True when each record of scan "all" has been processed that often. */
+static int allCount(int expected)
+{
+    int good = 1;
+    size_t i;
+
+    for (i = 0; i < sizeof(allNames) / sizeof(allNames[0]); i++) {
+        if (record(allNames[i])->val != expected) {
+            testDiag("%s was processed %d times", allNames[i], record(allNames[i])->val);
+            good = 0;
+        }
+    }
+    return good && record("all:passive")->val == 0;
+}
+
+static void testBeforeInit(void)
+{
+    testOk(plcScanRequestAll(all.scan) == 0 && plcScanRequestAll(all.scan) == 0,
+           "requests before iocInit begin no pass");
+    testOk(!plcScanBusy(all.scan), "and the scan is not busy");
+}
+
+static void testAll(void)
+{
+    epicsUInt64 before, after;
+
+    testOk(plcScanCount(all.scan) == 4, "4 of 5 records are I/O Intr");
+    testOk(allCount(0), "none of them was processed by iocInit");
+    before = epicsMonotonicGet();
+    testOk(plcScanRequestAll(all.scan) == 0, "a request begins a pass of its own");
+    testOk(waitPasses(&all, 1), "done() is called once");
+    after = epicsMonotonicGet();
+    testOk(allCount(1), "all records of the three priorities were processed once");
+    testOk(before <= all.requested && all.requested <= after,
+           "done() gets the time of the request");
+    testOk(!plcScanBusy(all.scan), "after it the scan is not busy");
+    testOk(plcScanRequestChanged(all.scan, NULL, NULL) == 0 && waitPasses(&all, 2) &&
+               allCount(2),
+           "with one group nothing is compared: every block is a pass");
+}
+
+static void testFlood(void)
+{
+    callbackQueueStats stats;
+    epicsUInt64 first;
+    int i, merged = 0;
+
+    callbackQueueStatus(1, NULL);
+    closeGate("all:medium");
+    plcScanRequestAll(all.scan);
+    epicsEventMustWait(gateReached);
+    testOk(plcScanBusy(all.scan), "a pass that hangs in a record is busy");
+    first = epicsMonotonicGet();
+    testOk(plcScanRequestAll(all.scan) == 0, "the first request meanwhile waits for its own");
+    for (i = 0; i < 100000; i++)
+        merged += plcScanRequestAll(all.scan);
+    testOk(merged == 100000, "100000 more are merged into that one");
+    callbackQueueStatus(0, &stats);
+    testOk(stats.numUsed[0] <= 1 && stats.numUsed[1] <= 1 && stats.numUsed[2] <= 1,
+           "the callback queues hold no more than one of them");
+    openGate();
+    testOk(waitPasses(&all, 4) && allCount(4), "they become one more pass");
+    testOk(all.requested >= first && all.requested <= epicsMonotonicGet(),
+           "and done() gets the time of the first of them");
+    callbackQueueStatus(0, &stats);
+    testOk(stats.numOverflow[0] + stats.numOverflow[1] + stats.numOverflow[2] == 0,
+           "no callback queue overflowed");
+    testOk(!plcScanBusy(all.scan), "nothing waits any more");
+}
+
+/* --- A group for each range ---------------------------------------------------------------- */
+
+static const char *const rangeNames[] = {"r:0",    "r:1",       "r:4a",   "r:4b",   "r:6x4",
+                                         "r:wide", "r:64bytes", "r:last", "r:whole"};
+
+#define NUM_RANGES (sizeof(rangeNames) / sizeof(rangeNames[0]))
+
+static int rangeVals[NUM_RANGES];
+
+static void rememberRanges(void)
+{
+    size_t i;
+
+    for (i = 0; i < NUM_RANGES; i++)
+        rangeVals[i] = record(rangeNames[i])->val;
+}
+
+/* True when the records named in `which` were processed once since rememberRanges, and no
+ * others. */
+static int onlyProcessed(const char *which)
+{
+    char list[200], name[20];
+    int good = 1;
+    size_t i;
+
+    epicsSnprintf(list, sizeof(list), " %s ", which);
+    for (i = 0; i < NUM_RANGES; i++) {
+        int times = record(rangeNames[i])->val - rangeVals[i];
+
+        epicsSnprintf(name, sizeof(name), " %s ", rangeNames[i] + 2);
+        if (times != (strstr(list, name) ? 1 : 0)) {
+            testDiag("%s was processed %d times", rangeNames[i], times);
+            good = 0;
+        }
+    }
+    return good;
+}
+
+#define EVERYONE "0 1 4a 4b 6x4 wide 64bytes last whole"
+
+static const struct {
+    const char *what;
+    int first, last; /* bytes that change; the first and the last of them do */
+    const char *records;
+} changes[] = {
+    {"the first byte", 0, 0, "0 whole"},
+    {"its neighbour in the same word", 1, 1, "1 whole"},
+    {"a byte that only the whole block has", 2, 2, "whole"},
+    {"a byte of two records with one range", 4, 4, "4a 4b whole"},
+    {"a byte of two ranges", 7, 7, "4a 4b 6x4 whole"},
+    {"a byte beyond the word where the range begins", 9, 9, "6x4 whole"},
+    {"two bytes far apart", 1, 202, "1 last whole"},
+    {"the first byte of a long range", 60, 60, "wide whole"},
+    {"the byte before it", 59, 59, "whole"},
+    {"a byte of two long ranges", 101, 101, "wide 64bytes whole"},
+    {"the last byte of a long range", 159, 159, "wide 64bytes whole"},
+    {"the byte after it", 160, 160, "64bytes whole"},
+    {"the last byte of the block", 202, 202, "last whole"},
+};
+
+static void testRanges(void)
+{
+    char before[BLOCK] = "", after[BLOCK] = "";
+    int passes = 0;
+    size_t i;
+
+    testOk(plcScanCount(range.scan) == NUM_RANGES, "all records of the block are I/O Intr");
+    for (i = 0; i < sizeof(changes) / sizeof(changes[0]); i++) {
+        int merged;
+
+        memcpy(after, before, BLOCK);
+        after[changes[i].first] ^= 0x10;
+        if (changes[i].last != changes[i].first)
+            after[changes[i].last] ^= 0x01;
+        rememberRanges();
+        merged = plcScanRequestChanged(range.scan, before, after);
+        testOk(!merged && waitPasses(&range, ++passes) && onlyProcessed(changes[i].records),
+               "%s processes %s", changes[i].what, changes[i].records);
+        memcpy(before, after, BLOCK);
+    }
+    rememberRanges();
+    testOk(plcScanRequestChanged(range.scan, before, after) == 0 &&
+               !plcScanBusy(range.scan) && onlyProcessed(""),
+           "no change begins no pass");
+    memset(after, 0x55, BLOCK);
+    plcScanRequestChanged(range.scan, before, after);
+    testOk(waitPasses(&range, ++passes) && onlyProcessed(EVERYONE),
+           "a change of everything processes each record once");
+    rememberRanges();
+    plcScanRequestAll(range.scan);
+    testOk(waitPasses(&range, ++passes) && onlyProcessed(EVERYONE),
+           "a request for all needs no change");
+}
+
+static void testUnion(void)
+{
+    char blocks[4][BLOCK];
+    int passes = range.passes;
+
+    memset(blocks, 0, sizeof(blocks));
+    blocks[1][0] = 1;
+    memcpy(blocks[2], blocks[1], BLOCK);
+    blocks[2][1] = 1;
+    memcpy(blocks[3], blocks[2], BLOCK);
+    blocks[3][202] = 1;
+    rememberRanges();
+    closeGate("r:0");
+    plcScanRequestChanged(range.scan, blocks[0], blocks[1]);
+    epicsEventMustWait(gateReached);
+    testOk(plcScanRequestChanged(range.scan, blocks[1], blocks[1]) == 0,
+           "no change while a pass runs asks for nothing");
+    testOk(plcScanRequestChanged(range.scan, blocks[1], blocks[2]) == 0,
+           "a change while a pass runs waits for the next");
+    testOk(plcScanRequestChanged(range.scan, blocks[2], blocks[3]) == 1,
+           "a second change is merged into it");
+    openGate();
+    testOk(waitPasses(&range, passes + 2), "both make one pass");
+    record("r:whole")->val--; /* it is in both passes */
+    testOk(onlyProcessed("0 1 last whole"), "with the records of both changes");
+    record("r:whole")->val++;
+
+    rememberRanges();
+    closeGate("r:0");
+    plcScanRequestChanged(range.scan, blocks[0], blocks[1]);
+    epicsEventMustWait(gateReached);
+    plcScanRequestChanged(range.scan, blocks[1], blocks[2]);
+    testOk(plcScanRequestAll(range.scan) == 1, "a request for all joins waiting changes");
+    testOk(plcScanRequestChanged(range.scan, blocks[2], blocks[3]) == 1,
+           "and a change joins waiting all");
+    openGate();
+    testOk(waitPasses(&range, passes + 4), "again one pass");
+    record("r:0")->val--;
+    record("r:whole")->val--;
+    testOk(onlyProcessed(EVERYONE), "that processes each record once");
+    record("r:0")->val++;
+    record("r:whole")->val++;
+}
+
+/* --- A callback queue that is full --------------------------------------------------------- */
+
+#define QUEUE 10
+
+static epicsEventId hangs, goOn, marked;
+
+static void hang(epicsCallback *callback)
+{
+    (void)callback;
+    epicsEventMustTrigger(hangs);
+    epicsEventMustWait(goOn);
+}
+
+static void mark(epicsCallback *callback)
+{
+    (void)callback;
+    epicsEventMustTrigger(marked);
+}
+
+static void nothing(epicsCallback *callback)
+{
+    (void)callback;
+}
+
+static void prepare(epicsCallback *callback, CALLBACKFUNC function, int prio)
+{
+    callbackSetCallback(function, callback);
+    callbackSetPriority(prio, callback);
+}
+
+/* Waits until all that is now in the queue of this priority has been done. */
+static void waitQueue(int prio)
+{
+    epicsCallback callback;
+
+    prepare(&callback, mark, prio);
+    callbackRequest(&callback);
+    epicsEventMustWait(marked);
+}
+
+/* The thread of this priority hangs and its queue is full. */
+static void fillQueue(int prio)
+{
+    static epicsCallback hanging, filler;
+
+    prepare(&hanging, hang, prio);
+    prepare(&filler, nothing, prio);
+    callbackRequest(&hanging);
+    epicsEventMustWait(hangs);
+    while (callbackRequest(&filler) == 0)
+        ;
+}
+
+static void testQueueFull(void)
+{
+    static const char block[BLOCK] = "";
+    int passes = range.passes;
+
+    hangs = epicsEventMustCreate(epicsEventEmpty);
+    goOn = epicsEventMustCreate(epicsEventEmpty);
+    marked = epicsEventMustCreate(epicsEventEmpty);
+    rememberRanges();
+    fillQueue(priorityLow);
+    testOk(plcScanRequestAll(range.scan) == 0, "a request while the LOW queue is full");
+    waitQueue(priorityMedium);
+    waitQueue(priorityHigh);
+    testOk(onlyProcessed("1 4b 6x4 wide"), "the HIGH and MEDIUM records were processed");
+    testOk(!plcScanBusy(range.scan), "nothing hangs");
+    testOk(range.passes == passes, "done() was not called: the pass is not over");
+    testOk(plcScanRequestChanged(range.scan, block, block) == 1,
+           "what could not be queued is waiting");
+    testOk(!plcScanBusy(range.scan), "the queue is still full");
+    epicsEventMustTrigger(goOn);
+    while (range.passes == passes) { /* the queue is open again soon */
+        waitQueue(priorityMedium);
+        plcScanRequestChanged(range.scan, block, block);
+    }
+    testOk(waitPasses(&range, passes + 1), "the next request ends it");
+    testOk(onlyProcessed(EVERYONE), "with the LOW records only");
+    testOk(plcScanRequestChanged(range.scan, block, block) == 0, "nothing waits any more");
+    epicsEventDestroy(hangs);
+    epicsEventDestroy(goOn);
+    epicsEventDestroy(marked);
+}
+
+/* --- Records come and go --------------------------------------------------------------------- */
+
+static void testJoin(void)
+{
+    int passes = all.passes;
+
+    testdbPutFieldOk("all:passive.SCAN", DBR_STRING, "I/O Intr");
+    testOk(plcScanCount(all.scan) == 5, "a record joins at run time");
+    plcScanRequestAll(all.scan);
+    testOk(waitPasses(&all, passes + 1) && record("all:passive")->val == 1,
+           "and is processed");
+    testdbPutFieldOk("all:passive.PRIO", DBR_STRING, "HIGH");
+    testOk(plcScanCount(all.scan) == 5, "it changes its priority");
+    plcScanRequestAll(all.scan);
+    testOk(waitPasses(&all, passes + 2) && record("all:passive")->val == 2,
+           "and is still processed once");
+    testdbPutFieldOk("all:passive.SCAN", DBR_STRING, "Passive");
+    testdbPutFieldOk("all:low.SCAN", DBR_STRING, "Passive");
+    testdbPutFieldOk("all:low2.SCAN", DBR_STRING, "Passive");
+    testdbPutFieldOk("all:medium.SCAN", DBR_STRING, "Passive");
+    testOk(plcScanCount(all.scan) == 1, "records leave");
+    plcScanRequestAll(all.scan);
+    testOk(waitPasses(&all, passes + 3) && record("all:low")->val == record("all:medium")->val,
+           "a pass of one priority is over too");
+    testdbPutFieldOk("all:high.SCAN", DBR_STRING, "Passive");
+    testOk(plcScanRequestAll(all.scan) == 0 && plcScanRequestAll(all.scan) == 0 &&
+               !plcScanBusy(all.scan) && all.passes == passes + 3,
+           "without records requests are over at once, without done()");
+    plcScanJoin(all.scan, 0, 1, priorityLow, 1);
+    testOk(plcScanCount(all.scan) == 0, "to leave twice does no harm");
+}
+
+static void testEmpty(void)
+{
+    plcScan *scan = plcScanCreate(0, NULL, NULL);
+
+    plcScanByRange(scan, 1);
+    testOk(plcScanRequestAll(scan) == 0 && !plcScanBusy(scan), "a block of 0 bytes has no pass");
+    plcScanJoin(scan, 0, 4, priorityLow, 0);
+    testOk(plcScanRequestChanged(scan, "", "") == 0 && !plcScanBusy(scan),
+           "and never changes");
+    plcScanDestroy(scan);
+    plcScanDestroy(NULL);
+}
+
+#define MANY 20000
+
+static void testMany(void)
+{
+    static char before[2 * MANY], after[2 * MANY];
+    probe many = {"many", NULL, NULL, 0, 0};
+    IOSCANPVT first, lists[4];
+    size_t i;
+
+    many.over = epicsEventMustCreate(epicsEventEmpty);
+    many.scan = plcScanCreate(sizeof(before), done, &many);
+    plcScanByRange(many.scan, 1);
+    first = plcScanJoin(many.scan, 0, 2, priorityLow, 0);
+    for (i = 1; i < MANY; i++)
+        lists[i % 4] = plcScanJoin(many.scan, 2 * i, 2, (int)(i % 3), 0);
+    testOk(plcScanCount(many.scan) == MANY, "%d ranges", MANY);
+    testOk(plcScanJoin(many.scan, 0, 2, priorityLow, 0) == first,
+           "a range is found again among them");
+    testOk(lists[0] != lists[1] && lists[1] != lists[2], "each has a list of its own");
+    for (i = 0; i < 10; i++) {
+        after[i * 1000] ^= 1;
+        plcScanRequestChanged(many.scan, before, after);
+        memcpy(before, after, sizeof(before));
+        waitPasses(&many, (int)i + 1);
+    }
+    testOk(many.passes == 10, "a change in one of them makes a pass");
+    plcScanDestroy(many.scan);
+    epicsEventDestroy(many.over);
+}
+
+/* --- All together ------------------------------------------------------------------------------ */
+
+static void create(probe *p, int byRange)
+{
+    p->over = epicsEventMustCreate(epicsEventEmpty);
+    p->scan = plcScanCreate(BLOCK, done, p);
+    plcScanByRange(p->scan, byRange);
+}
+
+static void destroy(probe *p)
+{
+    plcScanDestroy(p->scan);
+    epicsEventDestroy(p->over);
+}
+
+static void startIoc(void)
+{
+    testdbPrepare();
+    callbackSetQueueSize(QUEUE);
+    testdbReadDatabase("scanTest.dbd", NULL, NULL);
+    scanTest_registerRecordDeviceDriver(pdbbase);
+    testdbReadDatabase("scanTest.db", NULL, NULL);
+    gateReached = epicsEventMustCreate(epicsEventEmpty);
+    gateOpen = epicsEventMustCreate(epicsEventEmpty);
+    create(&all, 0);
+    create(&range, 1);
+}
+
+static void stopIoc(void)
+{
+    testIocShutdownOk();
+    testOk(plcScanRequestAll(range.scan) == 0 && !plcScanBusy(range.scan),
+           "a request after the IOC stopped does nothing");
+    testdbCleanup();
+    destroy(&all);
+    destroy(&range);
+    epicsEventDestroy(gateReached);
+    epicsEventDestroy(gateOpen);
+}
+
+MAIN(scanTest)
+{
+    testPlan(2 + 8 + 8 + 17 + 9 + 9 + 15 + 2 + 4 + 1);
+    startIoc();
+    testBeforeInit();
+    eltc(0); /* no messages of full queues */
+    testIocInitOk();
+    testDiag("One group of all records");
+    testAll();
+    testDiag("A flood of requests while a pass hangs");
+    testFlood();
+    testDiag("A group for each range");
+    testRanges();
+    testDiag("Changes while a pass hangs");
+    testUnion();
+    testDiag("A callback queue that is full");
+    testQueueFull();
+    testDiag("Records come and go");
+    testJoin();
+    testDiag("No bytes, many ranges");
+    testEmpty();
+    testMany();
+    eltc(1);
+    stopIoc();
+    return testDone();
+}
