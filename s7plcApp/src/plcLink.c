@@ -4,7 +4,6 @@
  * checked for overflow; no text, however malformed, is read beyond its end.
  */
 #include <ctype.h>
-#include <limits.h>
 #include <stdarg.h>
 #include <string.h>
 
@@ -19,11 +18,12 @@
 typedef struct cursor {
     const char *text;
     size_t at;
-    int quoted; /* inside '...' */
     plcLinkError *error;
 } cursor;
 
 static int fail(plcLinkError *error, size_t column, const char *format, ...)
+    EPICS_PRINTF_STYLE(3, 4);
+static void warn(plcLinkError *error, size_t column, const char *format, ...)
     EPICS_PRINTF_STYLE(3, 4);
 
 /* Fills in the error. Returns -1, so that a refusal is one line. */
@@ -38,6 +38,19 @@ static int fail(plcLinkError *error, size_t column, const char *format, ...)
     return -1;
 }
 
+/* Accepted, but doubtful. The first doubt is told. */
+static void warn(plcLinkError *error, size_t column, const char *format, ...)
+{
+    va_list args;
+
+    if (error->text[0])
+        return;
+    error->column = column;
+    va_start(args, format);
+    epicsVsnprintf(error->text, sizeof(error->text), format, args);
+    va_end(args);
+}
+
 static char here(const cursor *c)
 {
     return c->text[c->at];
@@ -48,16 +61,28 @@ static int isBlank(char x)
     return isspace((unsigned char)x);
 }
 
+static int isDigit(char x)
+{
+    return x >= '0' && x <= '9';
+}
+
 static void skipBlanks(cursor *c)
 {
     while (isBlank(here(c)))
         c->at++;
 }
 
-/* True where a number or a word may end: before a blank, the closing quote, the end. */
+/* True where an option begins: its letter and the =. */
+static int atOption(const char *text)
+{
+    return text[0] && strchr("TLHBRtlhbr", text[0]) && text[1] == '=';
+}
+
+/* True where a number or a word may end. Options need no blank between them. */
 static int atEnd(const cursor *c)
 {
-    return here(c) == 0 || isBlank(here(c)) || here(c) == '\'';
+    return here(c) == 0 || isBlank(here(c)) || here(c) == '\'' ||
+           atOption(c->text + c->at);
 }
 
 /* The word from column `from` up to the next blank, fit to be printed in a message. */
@@ -66,7 +91,7 @@ static const char *wordFrom(const cursor *c, size_t from, char quote[QUOTE_SIZE]
     const char *word = c->text + from;
     size_t i;
 
-    for (i = 0; word[i] && !isBlank(word[i]) && word[i] != '\''; i++) {
+    for (i = 0; word[i] && !isBlank(word[i]); i++) {
         if (i == QUOTE_SIZE - 4) {
             strcpy(quote + i, "...");
             return quote;
@@ -80,7 +105,7 @@ static const char *wordFrom(const cursor *c, size_t from, char quote[QUOTE_SIZE]
 /* The value of a digit in any base up to 16; 16 for what is no digit. */
 static unsigned digitValue(char digit)
 {
-    if (digit >= '0' && digit <= '9')
+    if (isDigit(digit))
         return (unsigned)(digit - '0');
     if (digit >= 'a' && digit <= 'f')
         return (unsigned)(digit - 'a' + 10);
@@ -89,100 +114,133 @@ static unsigned digitValue(char digit)
     return 16;
 }
 
-/* An octal number means something else than it seems to: accepted, but told. */
-static void warnOctal(cursor *c, size_t start, epicsUInt64 value)
+/* The base that the beginning of a number says: decimal, 0x hex or 0 octal. */
+static unsigned takeBase(cursor *c)
 {
-    if (c->at - start > 2 || value > 7)
-        fail(c->error, start, "%.*s is octal and means %llu: write it without the leading 0",
-             (int)(c->at - start > 20 ? 20 : c->at - start), c->text + start,
-             (unsigned long long)value);
+    if (here(c) != '0')
+        return 10;
+    if (c->text[c->at + 1] != 'x' && c->text[c->at + 1] != 'X')
+        return 8;
+    c->at += 2;
+    return 16;
 }
 
-/* A number without sign: decimal, 0x hex, 0 octal; at most `max`. `what` names it in
- * messages. What follows the digits is the caller's business. */
+/* A number without sign, at most `max`. `what` names it in messages. What follows the
+ * digits is the caller's business. */
 static int parseNumber(cursor *c, const char *what, epicsUInt64 max, epicsUInt64 *value)
 {
     char quote[QUOTE_SIZE];
     size_t start = c->at;
-    unsigned base = 10;
-    size_t first;
+    unsigned base = takeBase(c);
+    size_t first = c->at;
 
-    if (here(c) == '0' && tolower((unsigned char)c->text[c->at + 1]) == 'x') {
-        base = 16;
-        c->at += 2;
-    } else if (here(c) == '0') {
-        base = 8;
-    }
-    *value = 0;
-    for (first = c->at; digitValue(here(c)) < base; c->at++) {
+    for (*value = 0; digitValue(here(c)) < base; c->at++) {
         unsigned digit = digitValue(here(c));
 
-        if (digit > max || *value > (max - digit) / base)
-            return fail(c->error, start, "%s \"%s\" is too large: at most %llu", what,
-                        wordFrom(c, start, quote), (unsigned long long)max);
+        if (*value > max / base || *value * base > max - digit)
+            return fail(c->error, start, "%s \"%s\" is too large; allowed: up to %llu",
+                        what, wordFrom(c, start, quote), (unsigned long long)max);
         *value = *value * base + digit;
     }
     if (c->at == first)
-        return fail(c->error, start,
-                    "%s \"%s\" is no number; allowed: decimal or 0x hexadecimal", what,
-                    wordFrom(c, start, quote));
-    if (base == 8 && (here(c) == '8' || here(c) == '9'))
-        return fail(c->error, start, "%s \"%s\": a leading 0 means octal, so no digit %c",
+        return fail(c->error, start, "%s \"%s\" is no number; allowed: such as 20 or 0x14",
+                    what, wordFrom(c, start, quote));
+    if (base == 8 && isDigit(here(c)))
+        return fail(c->error, c->at, "%s \"%s\": a leading 0 means octal, without digit %c",
                     what, wordFrom(c, start, quote), here(c));
-    if (base == 8)
-        warnOctal(c, start, *value);
+    if (base == 8 && *value > 7)
+        warn(c->error, start, "%s \"%s\" is octal because of its leading 0: %llu", what,
+             wordFrom(c, start, quote), (unsigned long long)*value);
     return 0;
 }
 
-/* A sum of numbers: 20+3+2, with blanks around the + or without. `offset` and `R`. */
-static int parseSum(cursor *c, const char *what, size_t *sum)
+/* One number of a sum, which may be negative. Blanks before it have been skipped. */
+static int addNumber(cursor *c, const char *what, epicsInt64 *sum)
 {
-    const epicsUInt64 max = (size_t)-1;
-    char quote[QUOTE_SIZE];
-    size_t start = c->at;
-    epicsUInt64 total = 0, value;
-
-    for (;;) {
-        size_t after;
-
-        if (parseNumber(c, what, max, &value))
-            return -1;
-        if (value > max - total)
-            return fail(c->error, start, "%s \"%s\" is too large: at most %llu", what,
-                        wordFrom(c, start, quote), (unsigned long long)max);
-        total += value;
-        after = c->at;
-        skipBlanks(c);
-        if (here(c) != '+') {
-            c->at = after;
-            break;
-        }
-        c->at++;
-        skipBlanks(c);
-    }
-    if (!atEnd(c))
-        return fail(c->error, c->at, "%s \"%s\": only sums such as 4+2 are allowed", what,
-                    wordFrom(c, start, quote));
-    *sum = (size_t)total;
-    return 0;
-}
-
-/* A limit: a number with or without sign, in the range of epicsInt64. */
-static int parseLimit(cursor *c, const char *what, epicsInt64 *limit)
-{
-    char quote[QUOTE_SIZE];
+    const epicsUInt64 sizeMax = (size_t)-1;
+    const epicsUInt64 max = sizeMax > INT64_HIGHEST ? INT64_HIGHEST : sizeMax;
     size_t start = c->at;
     int negative = here(c) == '-';
     epicsUInt64 value;
 
-    if (here(c) == '-' || here(c) == '+')
+    if (negative)
+        c->at++;
+    if (parseNumber(c, what, max, &value))
+        return -1;
+    if (!negative && *sum > 0 && value > max - (epicsUInt64)*sum)
+        return fail(c->error, start, "the sum is too large; allowed: up to %llu",
+                    (unsigned long long)max);
+    if (negative && *sum < 0 && value > (epicsUInt64)(INT64_HIGHEST + *sum))
+        return fail(c->error, start, "the sum is too small; allowed: 0 and more");
+    *sum += negative ? -(epicsInt64)value : (epicsInt64)value;
+    return 0;
+}
+
+/* A sum of numbers, 20+3+2, for an offset and R=. Blanks may follow a +. Macros that are
+ * empty leave a + without a number: 20++2, 20+. */
+static int parseSum(cursor *c, const char *what, size_t *result)
+{
+    char quote[QUOTE_SIZE];
+    size_t start = c->at, after;
+    epicsInt64 sum = 0;
+
+    if (here(c) != '+' && here(c) != '-' && !isDigit(here(c)))
+        return fail(c->error, start, "%s \"%s\" is no number; allowed: such as 20 or 20+2",
+                    what, wordFrom(c, start, quote));
+    for (;;) {
+        if ((here(c) == '-' || isDigit(here(c))) && addNumber(c, what, &sum))
+            return -1;
+        if (here(c) != '+')
+            break;
+        c->at++;
+        skipBlanks(c);
+        if (atOption(c->text + c->at))
+            break;
+    }
+    if (!atEnd(c) && !(c->at > start && isBlank(c->text[c->at - 1])))
+        return fail(c->error, c->at, "%s \"%s\": only sums such as 4+2 are allowed", what,
+                    wordFrom(c, start, quote));
+    after = c->at;
+    skipBlanks(c);
+    if (here(c) == '+')
+        return fail(c->error, c->at, "no blank is allowed before the + of %s", what);
+    c->at = after;
+    if (sum < 0)
+        return fail(c->error, start, "%s %lld is negative; allowed: 0 and more", what,
+                    (long long)sum);
+    *result = (size_t)sum;
+    return 0;
+}
+
+/* A number with or without sign in the range of epicsInt64: L, H, B. Nothing is 0. */
+static int parseSigned(cursor *c, char letter, epicsInt64 *result)
+{
+    const char what[] = {letter, '=', 0};
+    char quote[QUOTE_SIZE];
+    size_t start = c->at;
+    epicsUInt64 value;
+    int negative;
+
+    *result = 0;
+    skipBlanks(c);
+    negative = here(c) == '-';
+    if (!negative && here(c) != '+' && !isDigit(here(c))) {
+        c->at = start;
+        if (!atEnd(c))
+            return fail(c->error, start, "%s%s is no number; allowed: such as %s20 or %s0x14",
+                        what, wordFrom(c, start, quote), what, what);
+        warn(c->error, start, "%s has no value: taken as 0", what);
+        return 0;
+    }
+    start = c->at;
+    if (negative || here(c) == '+')
         c->at++;
     if (parseNumber(c, what, (epicsUInt64)INT64_HIGHEST + negative, &value))
         return -1;
     if (!atEnd(c))
-        return fail(c->error, c->at, "%s=%s is no whole number", what,
+        return fail(c->error, c->at, "%s%s is no whole number", what,
                     wordFrom(c, start, quote));
-    *limit = (epicsInt64)(negative ? 0 - value : value);
+    *result = (epicsInt64)(negative ? 0 - value : value);
     return 0;
 }
 
@@ -193,6 +251,8 @@ static int parseT(cursor *c, plcLink *link)
 
     while (!atEnd(c))
         c->at++;
+    if (c->at == start)
+        return fail(c->error, start, "T= has no value; allowed: such as T=INT16");
     link->type = plcTypeFind(c->text + start, c->at - start);
     if (link->type)
         return 0;
@@ -203,32 +263,32 @@ static int parseT(cursor *c, plcLink *link)
 
 static int parseL(cursor *c, plcLink *link)
 {
-    return parseLimit(c, "L", &link->low);
+    return parseSigned(c, 'L', &link->low);
 }
 
 static int parseH(cursor *c, plcLink *link)
 {
-    return parseLimit(c, "H", &link->high);
+    return parseSigned(c, 'H', &link->high);
 }
 
 static int parseB(cursor *c, plcLink *link)
 {
-    char quote[QUOTE_SIZE];
     size_t start = c->at;
-    epicsUInt64 value;
+    epicsInt64 bit;
 
-    if (parseNumber(c, "B", UINT_MAX, &value))
+    if (parseSigned(c, 'B', &bit))
         return -1;
-    if (!atEnd(c))
-        return fail(c->error, c->at, "B=%s is no bit number; allowed: 0 to 63",
-                    wordFrom(c, start, quote));
-    link->bit = (unsigned)value;
+    if (bit < 0 || bit > 63)
+        return fail(c->error, start, "B=%lld is no bit number; allowed: 0 to 63",
+                    (long long)bit);
+    link->bit = (unsigned)bit;
     return 0;
 }
 
 static int parseR(cursor *c, plcLink *link)
 {
-    return parseSum(c, "R", &link->readback);
+    skipBlanks(c);
+    return parseSum(c, "R=", &link->readback);
 }
 
 static const struct {
@@ -244,57 +304,58 @@ static const struct {
     {'R', plcHasR, parseR, offsetof(plcLink, column.R)},
 };
 
-#define NUM_OPTIONS (sizeof(options) / sizeof(options[0]))
-
-/* One option, T=INT16. Blanks around the = do no harm. */
+/* One option, T=INT16. When it comes twice, the last one counts. */
 static int parseOption(cursor *c, plcLink *link)
 {
     char quote[QUOTE_SIZE];
     char letter = (char)toupper((unsigned char)here(c));
-    size_t start = c->at;
-    size_t i;
+    size_t start = c->at, i = 0;
 
-    for (i = 0; i < NUM_OPTIONS && options[i].letter != letter; i++)
-        ;
-    c->at++;
-    skipBlanks(c);
-    if (i == NUM_OPTIONS || here(c) != '=')
+    if (!atOption(c->text + start))
         return fail(c->error, start, "unknown option \"%s\"; allowed: T= L= H= B= R=",
                     wordFrom(c, start, quote));
-    c->at++;
-    skipBlanks(c);
-    if (here(c) == 0 || here(c) == '\'')
-        return fail(c->error, c->at, "%c= has no value", letter);
+    while (options[i].letter != letter)
+        i++;
     if (link->has & options[i].has)
-        return fail(c->error, start, "%c= is given twice", letter);
+        warn(c->error, start, "%c= is given twice: the last one counts", letter);
     link->has |= options[i].has;
     *(size_t *)((char *)link + options[i].column) = start;
+    c->at += 2;
     return options[i].parse(c, link);
 }
 
-/* All options up to the end of the text; quotes around them may be there or not. */
+/* All options up to the end of the text, or all up to the closing quote. */
 static int parseOptions(cursor *c, plcLink *link)
 {
-    size_t quote = 0;
+    size_t quote;
 
+    skipBlanks(c);
+    quote = c->at;
+    if (here(c) == '\'')
+        c->at++;
     for (;;) {
         skipBlanks(c);
-        if (here(c) == 0) {
-            if (c->quoted)
-                return fail(c->error, quote, "the quote ' is not closed");
-            return 0;
-        }
+        if (here(c) == 0)
+            break;
         if (here(c) == '\'') {
-            quote = c->at++;
-            c->quoted = !c->quoted;
-            continue;
+            if (c->text[quote] != '\'')
+                return fail(c->error, c->at,
+                            "a quote ' is allowed only around all options");
+            c->at++;
+            skipBlanks(c);
+            if (here(c))
+                warn(c->error, c->at, "what follows the closing quote ' is ignored");
+            return 0;
         }
         if (parseOption(c, link))
             return -1;
     }
+    if (c->text[quote] == '\'')
+        warn(c->error, quote, "the quote ' is not closed");
+    return 0;
 }
 
-/* The station's name: up to the slash, or up to the end when there is no offset. */
+/* The station's name, up to the slash. */
 static int parseStation(cursor *c, plcLink *link)
 {
     size_t start, length;
@@ -308,32 +369,37 @@ static int parseStation(cursor *c, plcLink *link)
         c->at++;
     length = c->at - start;
     if (length == 0)
-        return fail(c->error, start, "no PLC name; a link is @PLCname/offset T=type");
+        return fail(c->error, start, "no PLC name; allowed: @PLCname/offset T=type ...");
     if (length > PLC_NAME_MAX)
-        return fail(c->error, start, "the PLC name has %lu characters; allowed: %d",
-                    (unsigned long)length, PLC_NAME_MAX);
+        return fail(c->error, start, "the PLC name is too long; allowed: %d characters",
+                    PLC_NAME_MAX);
     memcpy(link->station, c->text + start, length);
     link->station[length] = 0;
     return 0;
 }
 
-/* The slash and the offset behind the name. No offset is 0. */
+/* The slash and the offset behind the name. Nothing at all is offset 0. */
 static int parseOffset(cursor *c, plcLink *link)
 {
+    char quote[QUOTE_SIZE];
+
     skipBlanks(c);
-    if (here(c) != '/')
+    if (here(c) == 0)
         return 0;
+    if (here(c) != '/')
+        return fail(c->error, c->at, "\"/\" expected before \"%s\", as in @%.40s/0",
+                    wordFrom(c, c->at, quote), link->station);
     c->at++;
     skipBlanks(c);
     link->column.offset = c->at;
-    if (here(c) == 0 || here(c) == '\'' || isalpha((unsigned char)here(c)))
+    if (here(c) == 0 || here(c) == '\'' || atOption(c->text + c->at))
         return 0;
     return parseSum(c, "offset", &link->offset);
 }
 
 int plcLinkParse(const char *text, plcLink *link, plcLinkError *error)
 {
-    cursor c = {text ? text : "", 0, 0, error};
+    cursor c = {text ? text : "", 0, error};
     size_t end = strlen(c.text);
 
     memset(link, 0, sizeof(*link));
@@ -363,59 +429,89 @@ static int completeType(plcLink *link, const plcShape *shape, plcLinkError *erro
                 type ? type->name : shape->defaultType, shape->recordType, types);
 }
 
-/* L and H of an integer type, as given or as the type's default. */
-static int completeLimits(plcLink *link, const plcType *type, plcLinkError *error)
+/* The limits that hold when nothing is said. */
+static void defaultLimits(const plcType *type, epicsInt64 *low, epicsInt64 *high)
 {
-    epicsInt64 low = type->low, high = type->high;
-
+    *low = type->low;
+    *high = type->high;
     if (type->size == 8) {
-        low = type->kind == plcSigned ? -INT64_HIGHEST : 0;
-        high = INT64_HIGHEST;
+        *low = type->kind == plcSigned ? -INT64_HIGHEST : 0;
+        *high = INT64_HIGHEST;
     }
-    if (!(link->has & plcHasL))
-        link->low = low;
-    if (!(link->has & plcHasH))
-        link->high = high;
-    if (link->low < link->high)
-        return 0;
-    return fail(error, link->has & plcHasL ? link->column.L : link->column.H,
-                "L=%lld H=%lld: L must be less than H", (long long)link->low,
-                (long long)link->high);
 }
 
-/* L of a string: its length in bytes. */
+/* L and H of an integer type. As with s7plc, H alone means L=0, and L=0 H=0 (which macros
+ * like to leave) means the type's own limits. */
+static int completeLimits(plcLink *link, const plcShape *shape, plcLinkError *error)
+{
+    const plcType *type = link->type;
+    int matters = (shape->options & (plcHasL | plcHasH)) != 0;
+    epicsInt64 low, high;
+
+    defaultLimits(type, &low, &high);
+    if (link->has & plcHasH && link->high > high)
+        return fail(error, link->column.H, "H=%lld is beyond the type; allowed for %s: up to %lld",
+                    (long long)link->high, type->name, (long long)high);
+    if (!(link->has & plcHasH))
+        link->high = high;
+    if (!(link->has & (plcHasL | plcHasH)))
+        link->low = low;
+    if (link->low == 0 && link->high == 0) {
+        link->low = low;
+        link->high = high;
+    }
+    if (matters && link->low >= link->high)
+        return fail(error, link->has & plcHasL ? link->column.L : link->column.H,
+                    "L=%lld H=%lld: L must be less than H", (long long)link->low,
+                    (long long)link->high);
+    if (matters && link->low < low - (type->kind == plcSigned))
+        warn(error, link->column.L, "L=%lld is below the type: %s begins at %lld",
+             (long long)link->low, type->name, (long long)low - (type->kind == plcSigned));
+    return 0;
+}
+
+/* L of a string: its length in bytes, at most that of the record. */
 static int completeString(plcLink *link, size_t length, plcLinkError *error)
 {
-    if (!(link->has & plcHasL))
+    if (link->low < 0 || (link->low == 0 && length == 0))
+        return fail(error, link->column.L,
+                    "L=%lld: the length of a string must be 1 byte or more",
+                    (long long)link->low);
+    if (link->low == 0)
         link->low = (epicsInt64)length;
-    if (link->low >= 1)
+    if (length && link->low > (epicsInt64)length) {
+        warn(error, link->column.L, "L=%lld is cut to %lu, the bytes that the record holds",
+             (long long)link->low, (unsigned long)length);
+        link->low = (epicsInt64)length;
+    }
+    return 0;
+}
+
+/* A bit of the type, even where the record type has no use for it. */
+static int completeBit(const plcLink *link, plcLinkError *error)
+{
+    unsigned bits = 8 * link->type->size;
+
+    if (link->type->kind == plcString || link->bit < bits)
         return 0;
-    return fail(error, link->column.L,
-                "L=%lld: the length of a T=STRING must be at least 1 byte",
-                (long long)link->low);
+    return fail(error, link->column.B, "B=%u: %s has bits 0 to %u", link->bit,
+                link->type->name, bits - 1);
 }
 
 int plcLinkComplete(plcLink *link, const plcShape *shape, size_t length,
                     plcLinkError *error)
 {
-    unsigned bits;
-
     memset(error, 0, sizeof(*error));
     if (completeType(link, shape, error))
         return -1;
-    if (link->type->kind == plcString) {
-        if (completeString(link, length, error))
-            return -1;
-    } else if (link->type->kind & plcInteger && shape->options & (plcHasL | plcHasH)) {
-        if (completeLimits(link, link->type, error))
-            return -1;
-    }
-    bits = 8 * link->type->size;
-    if (shape->options & plcHasB && link->bit >= bits)
-        return fail(error, link->column.B, "B=%u: %s has bits 0 to %u", link->bit,
-                    link->type->name, bits - 1);
+    if (link->type->kind & plcInteger && completeLimits(link, shape, error))
+        return -1;
+    if (link->type->kind == plcString && completeString(link, length, error))
+        return -1;
+    if (completeBit(link, error))
+        return -1;
     if (link->has & plcHasR & ~shape->options)
-        return fail(error, link->column.R, "R= (read-back) is for output records, not %s",
+        return fail(error, link->column.R, "R= (read-back) is for outputs only, not %s",
                     shape->recordType);
     return 0;
 }

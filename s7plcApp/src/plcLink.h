@@ -44,8 +44,10 @@ typedef struct plcLinkError {
 } plcLinkError;
 
 /* Parses `text` (with or without the leading '@'). Returns 0, or -1 with *error filled.
- * A text that is accepted but doubtful (an octal number) returns 0 with error->text not
- * empty; else error->text is "". *link is complete only when 0 is returned. */
+ * A text that is accepted but doubtful (an octal number, an option given twice) returns 0
+ * with error->text not empty: a warning; else error->text is "". *link is complete only
+ * when 0 is returned. Accepts what s7plc accepts: options need no blank between them, an
+ * empty L= H= B= is 0, of two equal options the last one counts. */
 int plcLinkParse(const char *text, plcLink *link, plcLinkError *error);
 
 /* What a record type allows, and what it means where the link is silent. */
@@ -59,8 +61,11 @@ typedef struct plcShape {
 } plcShape;
 
 /* Fills in the defaults (type, L, H) and checks type, limits and bit against the shape.
- * `length` is the number of bytes of the record's own string or array, the default L of
- * T=STRING (0: none). Returns 0 or -1 with *error filled. */
+ * `length` is the number of bytes of the record's own string or array, the default and
+ * largest L of T=STRING (0: none). Returns as plcLinkParse; its warning is not kept.
+ * L and H are taken exactly as given, but H without L means L=0, and L=0 H=0 the limits of
+ * the type, as with s7plc. L may be below the type, with a warning: it is a point of the
+ * LINEAR scale then, and what is written must be cut to the type by the caller. */
 int plcLinkComplete(plcLink *link, const plcShape *shape, size_t length,
                     plcLinkError *error);
 
