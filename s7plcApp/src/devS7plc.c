@@ -310,12 +310,20 @@ void devStampNow(dbCommon *prec)
         epicsTimeGetCurrent(&prec->time);
 }
 
+/* The reason that follows says more than the UDF alarm of an output without a value. */
+static void overUndefined(dbCommon *prec)
+{
+    if (prec->nsta == UDF_ALARM)
+        prec->nsev = NO_ALARM;
+}
+
 devRecord *devOf(dbCommon *prec)
 {
     devRecord *dev = prec->dpvt;
 
     if (dev && dev->station)
         return dev;
+    overUndefined(prec);
     recGblSetSevrMsg(prec, LINK_ALARM, INVALID_ALARM, "%s",
                      dev ? dev->reason : "no link to a PLC");
     devStampNow(prec);
@@ -389,9 +397,7 @@ long devRefuseWrite(dbCommon *prec, const char *format, ...)
     va_start(args, format);
     epicsVsnprintf(text, sizeof(text), format, args);
     va_end(args);
-    /* The reason says more than the UDF alarm that an undefined VAL has raised. */
-    if (prec->nsta == UDF_ALARM)
-        prec->nsev = NO_ALARM;
+    overUndefined(prec);
     recGblSetSevrMsg(prec, WRITE_ALARM, INVALID_ALARM, "%s", text);
     return -1;
 }
