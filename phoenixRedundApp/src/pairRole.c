@@ -130,7 +130,8 @@ static void lost(pairRole *r, unsigned which, epicsUInt64 now)
     r->twoPrimaries = 0;
 }
 
-/* What is due at this time, whatever the event was. */
+/* What is due at this time. Only on a tick, when all that had come in was looked at: else
+ * a thread that is late would take a block it has not read yet for silence. */
 static void settle(pairRole *r, epicsUInt64 now)
 {
     unsigned other;
@@ -163,7 +164,8 @@ pairWho pairRoleStep(pairRole *r, plcEvent event, unsigned which, epicsUInt64 no
         block(r, which, now);
     else if (event == plcEventLost)
         lost(r, which, now);
-    settle(r, now);
+    else
+        settle(r, now);
     nextTick(r, wake);
     return r->leader;
 }

@@ -62,7 +62,7 @@ void pairRoleInit(pairRole *role, epicsUInt64 recvTimeout);
 
 /* What happened to connection `which` at `now` (monotonic ns, not 0, never backwards).
  * Returns who leads from now on. *wake is set to the time of the tick it needs, when it
- * needs one. */
+ * needs one; a time that has passed means: at once, after a look at what has come in. */
 pairWho pairRoleStep(pairRole *role, plcEvent event, unsigned which, epicsUInt64 now,
                      epicsUInt64 *wake);
 

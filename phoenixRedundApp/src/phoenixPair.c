@@ -1,7 +1,9 @@
 /* A redundant pair as a policy; see phoenixPair.h.
  *
- * `role` belongs to the station's thread alone. `status` is a copy for others, guarded by
- * `lock`, which is held only to copy. */
+ * Threads: `role` belongs to the station's thread alone. What it and the thread of the
+ * watch find out meets in `status` and `asked`, guarded by `lock`, which is held only to
+ * copy and compare: never across a system call, errlog, a scan request or another lock.
+ */
 #include <stdlib.h>
 #include <string.h>
 
@@ -13,17 +15,38 @@
 #include <epicsThread.h>
 #include <errlog.h>
 
+#include "pairWatch.h"
 #include "phoenixPair.h"
+#include "plcOptions.h"
 #include "plcScan.h"
+#include "plcStation.h"
+
+/* One line of the log per PLC in this time about its reachability, s. */
+#define REACH_LOG_S 30.0
+
+const char *const phoenixName[PLC_LINKS_MAX] = {"FIRST", "SECOND"};
+const char *const phoenixBackupText[] = {"no partner",     "plc-1st unlinked",
+                                         "plc-2nd unlinked", "plc-1st linked",
+                                         "plc-2nd linked", "unknown"};
 
 struct phoenixPair {
     ELLNODE node;
     char *name;
-    pairRole role;
     plcScan *scan;
-    epicsMutexId lock;
+    pairWatch *watch;    /* while the station's thread runs */
+    /* the station's thread */
+    plcStation *station;
+    pairRole role;
+    double pingPeriod;   /* ms */
+    /* the watch's thread */
+    epicsUInt64 reachLogged[PLC_LINKS_MAX]; /* 0: never */
+    epicsMutexId lock;   /* guards from here on */
     phoenixStatus status;
+    int answeredOnce[PLC_LINKS_MAX]; /* ICMP echo is no stranger to it */
+    int asked[PLC_LINKS_MAX];        /* its role changed; the watch was asked about it */
 };
+
+/* --- The list of pairs ------------------------------------------------------------------ */
 
 static ELLLIST pairs = ELLLIST_INIT;
 static epicsMutexId listLock;
@@ -44,6 +67,7 @@ static void lockList(void)
 phoenixPair *phoenixPairCreate(const char *name)
 {
     phoenixPair *p = callocMustSucceed(1, sizeof(*p), "phoenixPairCreate");
+    int i;
 
     p->name = epicsStrDup(name);
     pairRoleInit(&p->role, 2000000000u);
@@ -51,6 +75,8 @@ phoenixPair *phoenixPairCreate(const char *name)
     p->lock = epicsMutexMustCreate();
     p->status.primary = pairNobody;
     p->status.backup = phoenixUnknown;
+    for (i = 0; i < PLC_LINKS_MAX; i++)
+        p->status.reachable[i] = phoenixNotKnown;
     lockList();
     ellAdd(&pairs, &p->node);
     epicsMutexUnlock(listLock);
@@ -62,6 +88,7 @@ void phoenixPairDestroy(phoenixPair *p)
     lockList();
     ellDelete(&pairs, &p->node);
     epicsMutexUnlock(listLock);
+    pairWatchDestroy(p->watch);
     epicsMutexDestroy(p->lock);
     free(p->name);
     free(p); /* its scan list stays: EPICS has no way to free it */
@@ -101,50 +128,239 @@ IOSCANPVT phoenixPairScan(phoenixPair *p, int prio, int leave)
     return plcScanJoin(p->scan, 0, 0, prio, leave);
 }
 
-/* The paper's six states. */
-static phoenixBackup backupOf(const phoenixStatus *status)
+/* --- Status ----------------------------------------------------------------------------- */
+
+/* The paper's six states. The BACKUP is linked when TCP is up and it has not stopped to
+ * answer: a connection to a PLC whose cable was pulled looks sound for long. */
+static phoenixBackup backupOf(const phoenixPair *p)
 {
-    if (status->primary == pairNobody)
+    const phoenixStatus *s = &p->status;
+    int who = !s->primary;
+
+    if (s->primary == pairNobody)
         return phoenixUnknown;
-    if (status->primary == pairFirst)
-        return status->connected[1] ? phoenixSecondLinked : phoenixSecondUnlinked;
-    return status->connected[0] ? phoenixFirstLinked : phoenixFirstUnlinked;
+    if (!s->connected[who] || s->reachable[who] == phoenixNoAnswer)
+        return who ? phoenixSecondUnlinked : phoenixFirstUnlinked;
+    if (p->asked[who])
+        return phoenixUnknown;
+    return who ? phoenixSecondLinked : phoenixFirstLinked;
 }
 
-/* Copies what the role machine knows into the status. Returns 1 when that is news. */
-static int publish(phoenixPair *p)
+/* What one echo says. Who never answered may be deaf to ICMP: then TCP alone tells. */
+static phoenixReach reachOf(const phoenixPair *p, unsigned which, int answers)
 {
-    const pairRole *r = &p->role;
-    phoenixStatus before;
-    int i, news;
+    if (answers > 0)
+        return phoenixAnswers;
+    if (answers < 0 || (p->status.connected[which] && !p->answeredOnce[which]))
+        return phoenixNotKnown;
+    return phoenixNoAnswer;
+}
+
+static void logReach(phoenixPair *p, unsigned which, phoenixReach reach)
+{
+    epicsUInt64 now = epicsMonotonicGet();
+
+    if (p->reachLogged[which] && now - p->reachLogged[which] < REACH_LOG_S * 1e9)
+        return;
+    p->reachLogged[which] = now;
+    if (reach == phoenixNoAnswer)
+        errlogSevPrintf(errlogMinor, "s7plc %s: %s does not answer ICMP echo\n", p->name,
+                        phoenixName[which]);
+    else if (reach == phoenixAnswers)
+        errlogSevPrintf(errlogInfo, "s7plc %s: %s answers ICMP echo\n", p->name,
+                        phoenixName[which]);
+}
+
+/* In the thread of the watch, after each question. */
+static void news(void *pvt, unsigned which, int answers)
+{
+    phoenixPair *p = pvt;
+    phoenixReach before, reach;
+    int changed;
 
     epicsMutexMustLock(p->lock);
-    before = p->status;
-    p->status.primary = r->leader;
-    p->status.twoPrimaries = r->twoPrimaries;
-    p->status.twoPrimariesCount = r->twoPrimariesCount;
-    if (p->status.switchovers != r->switchovers) {
-        p->status.switchovers = r->switchovers;
-        p->status.switchDuration = r->duration * 1e-6;
-        epicsTimeGetCurrent(&p->status.switchTime);
-    }
-    for (i = 0; i < PLC_LINKS_MAX; i++)
-        p->status.connected[i] = r->plc[i].connected;
-    p->status.backup = backupOf(&p->status);
-    news = memcmp(&before, &p->status, sizeof(before)) != 0;
+    before = p->status.reachable[which];
+    reach = reachOf(p, which, answers);
+    changed = reach != before || p->asked[which];
+    p->status.reachable[which] = reach;
+    p->answeredOnce[which] |= answers > 0;
+    p->asked[which] = 0;
+    p->status.backup = backupOf(p);
     epicsMutexUnlock(p->lock);
-    return news;
+    if (!changed)
+        return;
+    plcScanRequestAll(p->scan);
+    /* That all is well at the start needs no line. */
+    if (reach != before && !(before == phoenixNotKnown && reach == phoenixAnswers))
+        logReach(p, which, reach);
+}
+
+static const char *reasonText(const pairRole *r, char *text, size_t size)
+{
+    const char *old = phoenixName[!r->leader];
+
+    if (r->reason == pairDisconnected)
+        epicsSnprintf(text, size, "%s disconnected", old);
+    else
+        epicsSnprintf(text, size, "%s silent for %.0f ms", old, r->duration * 1e-6);
+    return text;
+}
+
+/* Copies what the roles have become into the status. Lock held. Returns 1 on news. */
+static int copyRole(phoenixPair *p)
+{
+    const pairRole *r = &p->role;
+    phoenixStatus *s = &p->status;
+    int i, changed = s->primary != r->leader || s->twoPrimaries != r->twoPrimaries ||
+                     s->switchovers != r->switchovers;
+
+    s->primary = r->leader;
+    s->twoPrimaries = r->twoPrimaries;
+    s->twoPrimariesCount = r->twoPrimariesCount;
+    if (s->switchovers != r->switchovers) {
+        s->switchovers = r->switchovers;
+        s->switchDuration = r->duration * 1e-6;
+        epicsTimeGetCurrent(&s->switchTime);
+        reasonText(r, s->switchReason, sizeof(s->switchReason));
+    }
+    for (i = 0; i < PLC_LINKS_MAX; i++) {
+        if (s->connected[i] == r->plc[i].connected)
+            continue;
+        changed = 1;
+        s->connected[i] = r->plc[i].connected;
+        /* Who takes a connection is there. */
+        if (s->connected[i] && s->reachable[i] == phoenixNoAnswer)
+            s->reachable[i] = p->answeredOnce[i] ? phoenixAnswers : phoenixNotKnown;
+    }
+    s->backup = backupOf(p);
+    return changed;
+}
+
+/* --- The policy ------------------------------------------------------------------------- */
+
+static void logRole(phoenixPair *p, const pairRole *before)
+{
+    const pairRole *r = &p->role;
+    char text[120], reason[60];
+
+    if (r->leader != before->leader && r->leader != pairNobody) {
+        if (r->switchovers != before->switchovers)
+            epicsSnprintf(text, sizeof(text), "%s is PRIMARY now, %s",
+                          phoenixName[r->leader], reasonText(r, reason, sizeof(reason)));
+        else
+            epicsSnprintf(text, sizeof(text), "%s is PRIMARY", phoenixName[r->leader]);
+        plcStationLog(p->station,
+                      r->switchovers == before->switchovers ? errlogInfo : errlogMinor, text);
+    }
+    if (r->twoPrimaries && !before->twoPrimaries) {
+        epicsSnprintf(text, sizeof(text), "two PRIMARYs: both PLCs send; %s stays",
+                      phoenixName[r->leader]);
+        plcStationLog(p->station, errlogMajor, text);
+    } else if (before->twoPrimaries && !r->twoPrimaries) {
+        plcStationLog(p->station, errlogInfo, "no longer two PRIMARYs");
+    }
+}
+
+/* The one that led is BACKUP now. Is it there? Until it answers, that is not known. */
+static void askBackup(phoenixPair *p, unsigned which)
+{
+    int ask;
+
+    epicsMutexMustLock(p->lock);
+    ask = p->pingPeriod > 0 && p->status.reachable[which] == phoenixAnswers;
+    p->asked[which] = ask;
+    p->status.backup = backupOf(p);
+    epicsMutexUnlock(p->lock);
+    if (ask)
+        pairWatchNow(p->watch, which);
 }
 
 static int step(void *pvt, plcEvent event, unsigned which, epicsUInt64 now,
                 epicsUInt64 *wake)
 {
     phoenixPair *p = pvt;
-    pairWho leader = pairRoleStep(&p->role, event, which, now, wake);
+    pairRole before = p->role;
+    int changed;
 
-    if (publish(p))
-        plcScanRequestAll(p->scan);
-    return leader;
+    pairRoleStep(&p->role, event, which, now, wake);
+    epicsMutexMustLock(p->lock);
+    changed = copyRole(p);
+    epicsMutexUnlock(p->lock);
+    if (!changed)
+        return p->role.leader;
+    if (p->role.leader != before.leader && p->role.leader != pairNobody)
+        askBackup(p, !p->role.leader);
+    logRole(p, &before);
+    plcScanRequestAll(p->scan);
+    return p->role.leader;
+}
+
+static void begin(void *pvt, plcStation *station)
+{
+    phoenixPair *p = pvt;
+
+    p->station = station;
+    p->watch = pairWatchCreate(pairWatchAny, news, p);
+    p->pingPeriod = -1; /* options() tells the watch */
+}
+
+static void options(void *pvt, const plcOptions *o)
+{
+    phoenixPair *p = pvt;
+    int i;
+
+    p->role.recvTimeout = (epicsUInt64)(o->recvTimeout * 1e6);
+    if (p->pingPeriod == o->pingPeriod)
+        return;
+    p->pingPeriod = o->pingPeriod;
+    pairWatchPeriod(p->watch, p->pingPeriod);
+    epicsMutexMustLock(p->lock);
+    for (i = 0; i < PLC_LINKS_MAX && p->pingPeriod <= 0; i++)
+        p->status.reachable[i] = phoenixNotKnown;
+    epicsMutexUnlock(p->lock);
+}
+
+static void address(void *pvt, unsigned which, struct in_addr host)
+{
+    phoenixPair *p = pvt;
+
+    pairWatchHost(p->watch, which, host);
+}
+
+static void end(void *pvt)
+{
+    phoenixPair *p = pvt;
+
+    pairWatchDestroy(p->watch);
+    p->watch = NULL;
+}
+
+static void report(void *pvt, FILE *file, int level)
+{
+    phoenixPair *p = pvt;
+    phoenixStatus s;
+    char when[40] = "";
+    int i;
+
+    phoenixPairStatus(p, &s);
+    fprintf(file, "    pair: PRIMARY %s, BACKUP %s%s, %u switch-overs\n",
+            s.primary == pairNobody ? "unknown" : phoenixName[s.primary],
+            phoenixBackupText[s.backup], s.twoPrimaries ? ", TWO PRIMARYs" : "",
+            (unsigned)s.switchovers);
+    if (level < 1)
+        return;
+    for (i = 0; i < PLC_LINKS_MAX; i++)
+        fprintf(file, "    %s: %s, %s ICMP echo\n", phoenixName[i],
+                s.connected[i] ? "connected" : "not connected",
+                s.reachable[i] == phoenixAnswers    ? "answers"
+                : s.reachable[i] == phoenixNoAnswer ? "does not answer"
+                                                    : "not known to answer");
+    fprintf(file, "    two PRIMARYs: %u times\n", (unsigned)s.twoPrimariesCount);
+    if (!s.switchovers)
+        return;
+    epicsTimeToStrftime(when, sizeof(when), "%Y-%m-%d %H:%M:%S.%03f", &s.switchTime);
+    fprintf(file, "    last switch-over: %s, %s; %.1f ms without data\n", when,
+            s.switchReason, s.switchDuration);
 }
 
 static void destroy(void *pvt)
@@ -152,4 +368,14 @@ static void destroy(void *pvt)
     phoenixPairDestroy(pvt);
 }
 
-const plcPolicy phoenixPolicy = {"redundant pair", 2, step, NULL, destroy};
+const plcPolicy phoenixPolicy = {
+    .name = "redundant pair",
+    .links = 2,
+    .step = step,
+    .begin = begin,
+    .options = options,
+    .address = address,
+    .end = end,
+    .report = report,
+    .destroy = destroy,
+};

@@ -22,19 +22,25 @@ typedef enum {
     phoenixUnknown         /* nobody leads, or the BACKUP has not answered yet */
 } phoenixBackup;
 
+typedef enum { phoenixNoAnswer, phoenixAnswers, phoenixNotKnown } phoenixReach;
+
 typedef struct phoenixStatus {
     phoenixBackup backup;
     pairWho primary;
     int connected[PLC_LINKS_MAX]; /* TCP is up */
+    phoenixReach reachable[PLC_LINKS_MAX]; /* by ICMP echo */
     int twoPrimaries;
     epicsUInt32 switchovers;
     epicsUInt32 twoPrimariesCount;
     epicsTimeStamp switchTime; /* of the last switch-over; 0: none yet */
     double switchDuration;     /* ms from the last old block until the new PRIMARY led */
-    char switchReason[60];     /* "" none yet */
+    char switchReason[40];     /* "" none yet */
 } phoenixStatus;
 
 typedef struct phoenixPair phoenixPair;
+
+extern const char *const phoenixName[PLC_LINKS_MAX]; /* "FIRST", "SECOND" */
+extern const char *const phoenixBackupText[];        /* as in the paper, by phoenixBackup */
 
 extern const plcPolicy phoenixPolicy; /* its pvt is a phoenixPair */
 

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include <netinet/tcp.h>
+#include <sys/ioctl.h>
 
 #include <cantProceed.h>
 #include <epicsStdio.h>
@@ -121,6 +122,28 @@ void plcConnectionClose(plcConnection *c, const char *why, epicsUInt64 now)
     c->sent = c->outSize;
     if (why)
         epicsSnprintf(c->error, sizeof(c->error), "%s", why);
+}
+
+void plcConnectionAbort(plcConnection *c, const char *why, epicsUInt64 now)
+{
+    struct linger none = {.l_onoff = 1};
+
+    if (c->socket != INVALID_SOCKET)
+        (void)setsockopt(c->socket, SOL_SOCKET, SO_LINGER, (char *)&none, sizeof(none));
+    plcConnectionClose(c, why, now);
+}
+
+int plcConnectionDelivered(const plcConnection *c)
+{
+    int left = 0;
+
+    if (!plcConnectionIdle(c))
+        return 0;
+#ifdef TIOCOUTQ
+    if (ioctl(c->socket, TIOCOUTQ, &left) < 0)
+        return 0;
+#endif
+    return left == 0;
 }
 
 short plcConnectionEvents(const plcConnection *c)

@@ -42,6 +42,13 @@ int plcConnectionOpen(plcConnection *c, struct in_addr host, unsigned short port
 /* Closes and forgets all half blocks. `why` may be NULL: keeps c->error. */
 void plcConnectionClose(plcConnection *c, const char *why, epicsUInt64 now);
 
+/* The same, and what the kernel has not brought to the PLC yet never gets there: no other
+ * end of a cable may find an old block when it is plugged in again. */
+void plcConnectionAbort(plcConnection *c, const char *why, epicsUInt64 now);
+
+/* True when all that was sent has reached the PLC's host. */
+int plcConnectionDelivered(const plcConnection *c);
+
 /* What to wait for in poll(), given that the caller is ready for input. */
 short plcConnectionEvents(const plcConnection *c);
 

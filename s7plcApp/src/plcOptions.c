@@ -62,6 +62,8 @@ static const optRow rows[] = {
  "output records with a read-back follow when the PLC changes the value"},
 {"connectTimeout", optNumber, AT(connectTimeout), 0, 50, 60000,   "ms", NULL, 900,  0,
  "an attempt to connect is given up after this time, and the next one begins"},
+{"pingPeriod",     optNumber, AT(pingPeriod),     0, 0,  3600000, "ms", NULL, 1000, 0,
+ "redundant pair: both PLCs are asked by ICMP echo whether they are there; 0: never"},
 };
 /* clang-format on */
 

@@ -34,6 +34,7 @@ typedef struct plcOptions {
     double timestamp;      /* offset in the input block, PLC_OFF */
     int timestampFormat;   /* plcClockIsDt, plcClockIsDtl */
     int sync;              /* 0 or 1 */
+    double pingPeriod;     /* ms, 0 = off */
     double layout;         /* layout id, 0 = not checked */
 } plcOptions;
 

@@ -11,4 +11,4 @@ static int singleStep(void *pvt, plcEvent event, unsigned which, epicsUInt64 now
     return event == plcEventLost ? -1 : 0;
 }
 
-const plcPolicy plcSingle = {"single", 1, singleStep, NULL, NULL};
+const plcPolicy plcSingle = {.name = "single", .links = 1, .step = singleStep};

@@ -10,6 +10,10 @@
 #include <stdio.h>
 
 #include <epicsTypes.h>
+#include <osiSock.h>
+
+struct plcOptions;
+struct plcStation;
 
 #define PLC_LINKS_MAX 2 /* connections of one station */
 
@@ -17,7 +21,8 @@ typedef enum {
     plcEventConnected, /* TCP connection `which` is up */
     plcEventBlock,     /* a whole block came in on connection `which` */
     plcEventLost,      /* connection `which` broke, or was silent for recvTimeout */
-    plcEventTick       /* time went by; `which` means nothing */
+    plcEventTick       /* time went by, and all that had come in was looked at; `which`
+                          means nothing */
 } plcEvent;
 
 typedef struct plcPolicy {
@@ -28,6 +33,13 @@ typedef struct plcPolicy {
      * the output; -1: none. It may set *wake to the time when it wants the next tick. */
     int (*step)(void *pvt, plcEvent event, unsigned which, epicsUInt64 now,
                 epicsUInt64 *wake);
+    /* What a policy may want to know besides; all may be NULL, all run in the station's
+     * thread: it begins, an option is new (also at the beginning), connection `which` goes
+     * to this address from now on, it ends. */
+    void (*begin)(void *pvt, struct plcStation *station);
+    void (*options)(void *pvt, const struct plcOptions *options);
+    void (*address)(void *pvt, unsigned which, struct in_addr host);
+    void (*end)(void *pvt);
     /* A line for dbior and s7plcReport. Any thread. */
     void (*report)(void *pvt, FILE *file, int level);
     /* The station ends; its thread has been joined. */

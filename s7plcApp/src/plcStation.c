@@ -113,6 +113,8 @@ static void setLine(plcStation *s, unsigned i, const plcStationConfig *config)
     s->plus[i] = config->plus[i];
     s->port[i] = config->port;
     plcConnectionInit(&s->lines[i].connection, s->inSize, s->outSize);
+    if (s->policy->links > 1)
+        s->lines[i].spare = callocMustSucceed(1, s->inSize + 1, "plcStationCreate");
 }
 
 static void startThread(plcStation *s)
@@ -151,7 +153,7 @@ plcStation *plcStationCreate(const plcStationConfig *config)
     s->options.recvTimeout = config->recvTimeout;
     s->options.sendInterval = config->sendInterval;
     s->optionsChanged = 1;
-    s->leader = s->stats.leader = -1;
+    s->leader = s->lastLeader = s->stats.leader = -1;
     epicsSnprintf(s->reason, sizeof(s->reason), "not connected yet");
     for (i = 0; i < s->policy->links; i++)
         setLine(s, i, config);
@@ -218,8 +220,10 @@ void plcStationsDestroy(void)
     while ((s = (plcStation *)ellGet(&stations))) {
         if (s->policy->destroy)
             s->policy->destroy(s->policyPvt);
-        for (i = 0; i < s->policy->links; i++)
+        for (i = 0; i < s->policy->links; i++) {
             plcConnectionFree(&s->lines[i].connection);
+            free(s->lines[i].spare);
+        }
         plcImageDestroy(s->in);
         plcImageDestroy(s->out);
         close(s->wakePipe[0]);

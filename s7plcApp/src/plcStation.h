@@ -102,6 +102,10 @@ IOSCANPVT plcStationStatusScan(plcStation *station, int prio, int leave);
 void plcStationAddress(plcStation *station, char *text, size_t size);
 int plcStationMove(plcStation *station, const char *text, char *error, size_t size);
 
+/* A line in the log of this PLC; transitions only, at most some per minute pass, the rest
+ * is counted. Only for a policy, in the station's thread. `severity` is an errlogSevEnum. */
+void plcStationLog(plcStation *station, int severity, const char *text);
+
 /* Sends the output image now, changed or not (s7plcSend). */
 void plcStationSend(plcStation *station);
 

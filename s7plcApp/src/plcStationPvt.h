@@ -32,6 +32,9 @@ typedef struct plcLine {
     epicsUInt64 lostAt;    /* 0: not lost, or never was up */
     int wrongSize;         /* the block size was found wrong and not found right since */
     int logged;            /* "cannot connect" has been said */
+    char *spare;           /* of a pair: its newest block while the other leads */
+    int spared;            /* there is one */
+    epicsTimeStamp spareStamp;
 } plcLine;
 
 struct plcStation {
@@ -65,7 +68,7 @@ struct plcStation {
     int moved;   /* an address or a port is new */
     char reason[PLC_REASON_SIZE]; /* why not connected */
                        /* ... to here */
-    int leads;   /* atomic: a line leads; for record threads */
+    int leads;   /* atomic: a line leads, or another is about to; for record threads */
     int reject;  /* atomic: offlineWrites=reject */
     int waiting; /* atomic: the thread waits for the end of a scan pass */
 
@@ -73,6 +76,8 @@ struct plcStation {
     plcOptions now; /* its copy of the options */
     plcLine lines[PLC_LINKS_MAX];
     int leader;               /* index of the leading line, -1 none */
+    int lastLeader;           /* the same, or the last that led */
+    epicsUInt64 looked;       /* all that came in until then was seen */
     int valid;                /* the input image is valid */
     int frozen;               /* the alive word stands still */
     epicsUInt64 lastBlock;    /* of any leader; 0: none since data was lost */

@@ -59,7 +59,24 @@ static void logLine(plcStation *s, errlogSevEnum severity, epicsUInt64 now,
     errlogSevPrintf(severity, "s7plc %s: %s\n", s->name, text);
 }
 
+void plcStationLog(plcStation *s, int severity, const char *text)
+{
+    logLine(s, (errlogSevEnum)severity, epicsMonotonicGet(), text);
+}
+
 /* --- Input ------------------------------------------------------------------------------*/
+
+static int isPair(plcStation *s)
+{
+    return s->policy->links > 1;
+}
+
+/* For record threads: outputs go somewhere, or soon will. While the data of a pair is
+ * valid, a new leader is expected, and it will get them. */
+static void setLeads(plcStation *s)
+{
+    epicsAtomicSetIntT(&s->leads, s->leader >= 0 || (isPair(s) && s->valid));
+}
 
 static void setState(plcStation *s, int state)
 {
@@ -80,6 +97,7 @@ static void invalidate(plcStation *s, int state, const char *reason)
     if (!s->valid && strncmp(before, reason, sizeof(before) - 1) == 0)
         return;
     s->valid = 0;
+    setLeads(s);
     plcImageInvalidate(s->in, reason);
     plcScanRequestAll(s->inScan);
     plcScanRequestAll(s->statusScan);
@@ -193,9 +211,9 @@ static void aliveStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
 }
 
 /* Whole blocks came from the PLC that leads; this is the newest. */
-static void leaderBlock(plcStation *s, const void *block, size_t count, epicsUInt64 now)
+static void leaderBlock(plcStation *s, const void *block, epicsTimeStamp stamp,
+                        size_t count, epicsUInt64 now)
 {
-    epicsTimeStamp stamp = blockStamp(s, block);
     epicsUInt64 wake = NEVER;
 
     epicsMutexMustLock(s->lock);
@@ -220,11 +238,6 @@ static void leaderBlock(plcStation *s, const void *block, size_t count, epicsUIn
 
 /* --- Connections ------------------------------------------------------------------------*/
 
-static int isPair(plcStation *s)
-{
-    return s->policy->links > 1;
-}
-
 /* Which PLC is meant, for log lines about one of a pair. */
 static const char *lineName(plcStation *s, unsigned i)
 {
@@ -241,12 +254,28 @@ static void setReason(plcStation *s, const char *reason)
     epicsMutexUnlock(s->lock);
 }
 
+static void lineLost(plcStation *s, unsigned i, epicsUInt64 now, const char *why);
+
+/* This line leads no longer. What still is on its way to the PLC must not get there: not
+ * now, and not when its cable is plugged in again. */
+static void discardOutput(plcStation *s, unsigned i, epicsUInt64 now)
+{
+    const plcConnection *c = &s->lines[i].connection;
+
+    if (c->state == plcConnectionUp && !plcConnectionDelivered(c))
+        lineLost(s, i, now, "leads no longer, output discarded");
+}
+
 /* The one place where the leader changes. */
 static void setLeader(plcStation *s, int leader, epicsUInt64 now)
 {
+    int before = s->lastLeader;
+
     if (leader == s->leader)
         return;
     s->leader = leader;
+    if (leader >= 0)
+        s->lastLeader = leader;
     epicsMutexMustLock(s->lock);
     s->stats.leader = leader;
     s->stats.connected = leader >= 0;
@@ -254,7 +283,7 @@ static void setLeader(plcStation *s, int leader, epicsUInt64 now)
     if (leader >= 0)
         epicsTimeGetCurrent(&s->stats.connectTime);
     epicsMutexUnlock(s->lock);
-    epicsAtomicSetIntT(&s->leads, leader >= 0);
+    setLeads(s);
     if (leader >= 0) {
         /* The new PLC gets what the old one had, at once. */
         s->lastSend = 0;
@@ -263,12 +292,25 @@ static void setLeader(plcStation *s, int leader, epicsUInt64 now)
             plcImageTouch(s->out);
     }
     plcScanRequestAll(s->statusScan);
+    if (leader >= 0 && before >= 0 && before != leader) {
+        s->lastAlive = 0; /* another PLC, another alive word */
+        discardOutput(s, before, now);
+    }
 }
 
 static void tellPolicy(plcStation *s, plcEvent event, unsigned i, epicsUInt64 now)
 {
+    int before = s->leader;
+    plcLine *line;
+
     s->policyWake = 0;
     setLeader(s, s->policy->step(s->policyPvt, event, i, now, &s->policyWake), now);
+    if (s->leader < 0 || s->leader == before)
+        return;
+    line = &s->lines[s->leader];
+    if (line->spared && event != plcEventBlock)
+        leaderBlock(s, line->spare, line->spareStamp, 1, now);
+    line->spared = 0;
 }
 
 /* Sets the time of the next attempt: the first at once, then later and later. */
@@ -278,6 +320,11 @@ static void retryLater(plcLine *line, epicsUInt64 now)
 
     line->retryAt = now + msToNs(backoff[line->failures < last ? line->failures : last]);
     line->failures++;
+}
+
+static int otherIsUp(plcStation *s, unsigned i)
+{
+    return isPair(s) && s->lines[!i].connection.state == plcConnectionUp;
 }
 
 /* An attempt to connect failed, or an address could not be found. */
@@ -298,7 +345,7 @@ static void lineFailed(plcStation *s, unsigned i, epicsUInt64 now, const char *w
                       lineName(s, i), s->address[i], line->port, why);
         logLine(s, errlogMajor, now, text);
     }
-    if (s->leader < 0 && !line->wrongSize && !(isPair(s) && s->valid))
+    if (s->leader < 0 && !line->wrongSize && !(isPair(s) && (s->valid || otherIsUp(s, i))))
         invalidate(s, plcStateConnecting, why);
 }
 
@@ -314,9 +361,14 @@ static void lineLost(plcStation *s, unsigned i, epicsUInt64 now, const char *why
         line->failures = 0;
     epicsSnprintf(text, sizeof(text), "%sdisconnected: %s", lineName(s, i), why);
     logLine(s, errlogMajor, now, text);
-    plcConnectionClose(&line->connection, why, now);
+    /* No old block may reach one of a pair when another leads already. */
+    if (isPair(s))
+        plcConnectionAbort(&line->connection, why, now);
+    else
+        plcConnectionClose(&line->connection, why, now);
     line->lostAt = now;
     line->lastBlock = 0;
+    line->spared = 0;
     line->logged = 1;
     retryLater(line, now);
     epicsMutexMustLock(s->lock);
@@ -356,6 +408,8 @@ static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
         invalidate(s, plcStateWaiting, "connected, waiting for first block");
     if (s->leader == (int)i && !s->inSize)
         setState(s, plcStateOk);
+    if (isPair(s) && s->leader < 0 && !s->valid)
+        invalidate(s, plcStateNoPrimary, "connected, but neither PLC sends");
 }
 
 static void lineOpen(plcStation *s, unsigned i, epicsUInt64 now)
@@ -366,6 +420,8 @@ static void lineOpen(plcStation *s, unsigned i, epicsUInt64 now)
     int known;
 
     known = plcResolverAddress(line->resolver, 1, &host, error, sizeof(error));
+    if (known > 0 && s->policy->address)
+        s->policy->address(s->policyPvt, i, host);
     if (known == 0)
         return; /* it will wake us */
     if (known < 0)
@@ -396,7 +452,7 @@ static void lineStep(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64 *wa
     }
     if (c->state == plcConnectionUp && s->inSize && (!isPair(s) || (int)i == s->leader)) {
         due = (line->lastBlock ? line->lastBlock : c->since) + msToNs(s->now.recvTimeout);
-        if (now >= due) {
+        if (s->looked >= due) {
             epicsSnprintf(why, sizeof(why), "no block for %.1f s",
                           s->now.recvTimeout / 1000);
             lineLost(s, i, now, why);
@@ -447,7 +503,8 @@ static void lineWrongSize(plcStation *s, unsigned i, epicsUInt64 now)
         plcConnectionClose(&line->connection, why, now);
         tellPolicy(s, plcEventLost, i, now);
     }
-    invalidate(s, plcStateWrongSize, why);
+    if (s->leader < 0) /* else the other one of a pair has good data */
+        invalidate(s, plcStateWrongSize, why);
     line->failures = sizeof(backoff); /* trying fast helps nobody */
     retryLater(line, now);
 }
@@ -457,6 +514,7 @@ static void lineBlocks(plcStation *s, unsigned i, size_t count, epicsUInt64 now)
 {
     plcLine *line = &s->lines[i];
     size_t burst = plcFramingBurst(line->connection.framing);
+    const void *block;
     char text[200];
 
     if (line->wrongSize)
@@ -476,10 +534,15 @@ static void lineBlocks(plcStation *s, unsigned i, size_t count, epicsUInt64 now)
     if (text[0])
         logLine(s, errlogMinor, now, text);
     tellPolicy(s, plcEventBlock, i, now);
+    block = plcFramingNewest(line->connection.framing);
     if (s->leader == (int)i) {
-        leaderBlock(s, plcFramingNewest(line->connection.framing), count, now);
+        leaderBlock(s, block, blockStamp(s, block), count, now);
         return;
     }
+    /* Kept: when the leader turns out to be silent, this is the newest there is. */
+    memcpy(line->spare, block, s->inSize);
+    line->spareStamp = blockStamp(s, block);
+    line->spared = 1;
     epicsMutexMustLock(s->lock);
     s->stats.ignored += count;
     epicsMutexUnlock(s->lock);
@@ -536,13 +599,13 @@ static void lineReady(plcStation *s, unsigned i, short revents, epicsUInt64 now)
 }
 
 /* The data of a pair lives on for recvTimeout without a leader. */
-static void dataStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
+static void dataStep(plcStation *s, epicsUInt64 *wake)
 {
     epicsUInt64 due = s->lastBlock + msToNs(s->now.recvTimeout);
 
     if (!s->valid || s->leader >= 0 || !isPair(s))
         return;
-    if (now < due) {
+    if (s->looked < due) {
         earlier(wake, due);
         return;
     }
@@ -660,15 +723,18 @@ static void takeOrders(plcStation *s, epicsUInt64 now)
 {
     const char *why = "PLC address changed";
     unsigned i;
-    int moved;
+    int moved, changed;
 
     epicsMutexMustLock(s->lock);
-    if (s->optionsChanged)
+    changed = s->optionsChanged;
+    if (changed)
         s->now = s->options;
     s->optionsChanged = 0;
     moved = s->moved;
     s->moved = 0;
     epicsMutexUnlock(s->lock);
+    if (changed && s->policy->options)
+        s->policy->options(s->policyPvt, &s->now);
     for (i = 0; moved && i < s->policy->links; i++) {
         if (s->lines[i].connection.state == plcConnectionUp)
             lineLost(s, i, now, why);
@@ -682,6 +748,11 @@ static void begin(plcStation *s)
 {
     unsigned i;
 
+    if (s->policy->begin)
+        s->policy->begin(s->policyPvt, s);
+    epicsMutexMustLock(s->lock);
+    s->optionsChanged = 1;
+    epicsMutexUnlock(s->lock);
     takeOrders(s, 0);
     for (i = 0; i < s->policy->links; i++)
         lineAddress(s, i, 0);
@@ -706,7 +777,7 @@ static void waitFor(plcStation *s, epicsUInt64 wake)
     struct pollfd fds[1 + PLC_LINKS_MAX];
     epicsUInt64 now = epicsMonotonicGet();
     epicsUInt64 wait = wake > now ? wake - now : 0;
-    unsigned i;
+    unsigned i, n, first;
 
     fds[0].fd = s->wakePipe[0];
     fds[0].events = POLLIN;
@@ -724,14 +795,20 @@ static void waitFor(plcStation *s, epicsUInt64 wake)
     int ms = wait < msToNs(3600000) ? (int)((wait + 999999) / 1000000) : 3600000;
     int ready = poll(fds, i + 1, wake == NEVER ? -1 : ms);
 #endif
+    s->looked = now;
     if (ready <= 0)
         return;
     now = epicsMonotonicGet();
     if (fds[0].revents)
         drainPipe(s);
-    for (i = 0; i < s->policy->links; i++)
+    /* The leader first: who is late to look must not take the other's block for a sign that
+     * the leader is silent. */
+    first = s->leader > 0 ? s->leader : 0;
+    for (n = 0; n < s->policy->links; n++) {
+        i = first ^ n;
         if (fds[i + 1].revents)
             lineReady(s, i, fds[i + 1].revents, now);
+    }
 }
 
 void plcStationThread(void *arg)
@@ -752,11 +829,11 @@ void plcStationThread(void *arg)
             plcScanRequestAll(s->inScan);
             plcScanRequestAll(s->statusScan);
         }
-        if (s->policyWake && now >= s->policyWake)
+        if (s->policyWake && s->looked >= s->policyWake)
             tellPolicy(s, plcEventTick, 0, now);
         for (i = 0; i < s->policy->links; i++)
             lineStep(s, i, now, &wake);
-        dataStep(s, now, &wake);
+        dataStep(s, &wake);
         aliveStep(s, now, &wake);
         holdStep(s, now, &wake);
         outputStep(s, now, &wake);
@@ -770,5 +847,7 @@ void plcStationThread(void *arg)
         plcResolverRelease(s->lines[i].resolver);
         s->lines[i].resolver = NULL;
     }
+    if (s->policy->end)
+        s->policy->end(s->policyPvt);
     epicsEventSignal(s->ended);
 }

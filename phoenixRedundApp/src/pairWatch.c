@@ -1,0 +1,424 @@
+/* The watch on the hosts of a pair; see pairWatch.h.
+ *
+ * A question is up to four echo requests, a step apart; it is over with the first answer,
+ * or a step after the fourth. An answer that comes later still counts.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <spawn.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <netinet/in.h>
+#include <netinet/ip.h>
+#include <netinet/ip_icmp.h>
+
+#include <cantProceed.h>
+#include <epicsAtomic.h>
+#include <epicsEvent.h>
+#include <epicsMutex.h>
+#include <epicsThread.h>
+#include <epicsTime.h>
+
+#include "pairWatch.h"
+
+#define REQUESTS 4     /* of one question */
+#define LEAST_MS 50.0  /* period */
+#define STEP_MS 100.0  /* between them, at most */
+#define NEVER ((epicsUInt64)-1)
+
+extern char **environ;
+
+typedef struct asked {
+    struct in_addr wanted; /* whom to ask; s_addr 0: not known yet */
+    int now;             /* ask at once */
+    /* owned by the thread */
+    struct in_addr host; /* its copy of wanted */
+    epicsUInt64 next;    /* when to begin the next question */
+    epicsUInt64 step;    /* when to send the next request, NEVER: no question is open */
+    unsigned sent;       /* requests of the open question */
+    int answers;         /* what the last question said */
+    pid_t child;         /* ping, 0: none */
+    int output;          /* its stdout: ends with it */
+} asked;
+
+struct pairWatch {
+    pairWatchNews *news;
+    void *pvt;
+    unsigned ways;
+    int stop;   /* atomic */
+    int way;    /* atomic: which of pairWatchDatagram ... is in use, 0: none */
+    int pipe[2];
+    epicsEventId ended;
+    epicsMutexId lock; /* guards period, and wanted and now of the hosts */
+    epicsUInt64 period; /* ns */
+    asked plc[PLC_LINKS_MAX];
+    /* owned by the thread */
+    int socket;
+    epicsUInt16 id, sequence;
+};
+
+/* --- Ways to ask ------------------------------------------------------------------------ */
+
+static int openSocket(int type)
+{
+    int s = socket(AF_INET, type | SOCK_NONBLOCK | SOCK_CLOEXEC, IPPROTO_ICMP);
+
+#ifdef ICMP_FILTER
+    if (s >= 0 && type == SOCK_RAW) {
+        struct icmp_filter filter = {~(1u << ICMP_ECHOREPLY)};
+        (void)setsockopt(s, SOL_RAW, ICMP_FILTER, &filter, sizeof(filter));
+    }
+#endif
+    return s;
+}
+
+/* The first way of those wanted that this machine allows. */
+static void chooseWay(pairWatch *w)
+{
+    static const struct {
+        int way, type;
+    } sockets[] = {{pairWatchDatagram, SOCK_DGRAM}, {pairWatchRaw, SOCK_RAW}};
+    unsigned i;
+
+    for (i = 0; i < 2; i++) {
+        if (!(w->ways & sockets[i].way))
+            continue;
+        w->socket = openSocket(sockets[i].type);
+        if (w->socket >= 0) {
+            epicsAtomicSetIntT(&w->way, sockets[i].way);
+            return;
+        }
+    }
+    epicsAtomicSetIntT(&w->way, w->ways & pairWatchCommand);
+}
+
+/* The Internet checksum: the one's complement of the one's complement sum. */
+static epicsUInt16 checksum(const epicsUInt16 *words, size_t count)
+{
+    epicsUInt32 sum = 0;
+
+    while (count--)
+        sum += *words++;
+    sum = (sum >> 16) + (sum & 0xffff);
+    return (epicsUInt16)~(sum + (sum >> 16));
+}
+
+static void sendEcho(pairWatch *w, unsigned which)
+{
+    struct icmphdr echo = {.type = ICMP_ECHO};
+    struct sockaddr_in to = {.sin_family = AF_INET, .sin_addr = w->plc[which].host};
+
+    /* The kernel puts its own id into those of a datagram socket. */
+    echo.un.echo.id = htons(w->id);
+    echo.un.echo.sequence = htons(++w->sequence);
+    echo.checksum = checksum((const epicsUInt16 *)&echo, sizeof(echo) / 2);
+    /* "no route" is no answer */
+    (void)!sendto(w->socket, &echo, sizeof(echo), MSG_NOSIGNAL, (struct sockaddr *)&to,
+                  sizeof(to));
+}
+
+/* True when the packet is an answer to one of our requests. */
+static int isOurs(const pairWatch *w, const char *packet, size_t length)
+{
+    struct icmphdr echo;
+    size_t skip = 0;
+
+    if (w->way == pairWatchRaw) /* the IP header comes first */
+        skip = length ? (packet[0] & 0x0f) * 4u : 0;
+    if (length < skip + sizeof(echo))
+        return 0;
+    memcpy(&echo, packet + skip, sizeof(echo));
+    return echo.type == ICMP_ECHOREPLY &&
+           (w->way == pairWatchDatagram || echo.un.echo.id == htons(w->id));
+}
+
+/* Starts `ping host`, without a shell. Its end shows as the end of its output. */
+static void spawnPing(pairWatch *w, unsigned which)
+{
+    asked *a = &w->plc[which];
+    char host[INET_ADDRSTRLEN];
+    char *const args[] = {"ping", "-n", "-q", "-c", "1", "-W", "1", host, NULL};
+    posix_spawn_file_actions_t actions;
+    posix_spawnattr_t attributes;
+    sigset_t signals;
+    int ends[2];
+
+    inet_ntop(AF_INET, &a->host, host, sizeof(host));
+    if (pipe2(ends, O_CLOEXEC))
+        return;
+    posix_spawn_file_actions_init(&actions);
+    posix_spawn_file_actions_addopen(&actions, 0, "/dev/null", O_RDONLY, 0);
+    posix_spawn_file_actions_adddup2(&actions, ends[1], 1);
+    posix_spawn_file_actions_addopen(&actions, 2, "/dev/null", O_WRONLY, 0);
+    posix_spawnattr_init(&attributes);
+    posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGMASK);
+    sigemptyset(&signals);
+    posix_spawnattr_setsigmask(&attributes, &signals);
+    if (posix_spawnp(&a->child, "ping", &actions, &attributes, args, environ)) {
+        a->child = 0;
+        close(ends[0]);
+        epicsAtomicSetIntT(&w->way, 0); /* there is no such command */
+        w->news(w->pvt, which, -1);
+    } else {
+        a->output = ends[0];
+    }
+    close(ends[1]);
+    posix_spawnattr_destroy(&attributes);
+    posix_spawn_file_actions_destroy(&actions);
+}
+
+/* Takes the ping of a host away. Returns 1 when it had an answer. */
+static int reapPing(asked *a, int kills)
+{
+    int status = -1;
+
+    if (!a->child)
+        return 0;
+    if (kills)
+        kill(a->child, SIGKILL);
+    while (waitpid(a->child, &status, 0) < 0 && errno == EINTR)
+        ;
+    close(a->output);
+    a->child = 0;
+    a->output = -1;
+    return WIFEXITED(status) && WEXITSTATUS(status) == 0;
+}
+
+/* --- Questions -------------------------------------------------------------------------- */
+
+static epicsUInt64 stepTime(epicsUInt64 period)
+{
+    epicsUInt64 step = period / 10, most = (epicsUInt64)(STEP_MS * 1e6);
+
+    return step < most ? step : most;
+}
+
+static void answered(pairWatch *w, unsigned which)
+{
+    w->plc[which].step = NEVER;
+    w->plc[which].answers = 1;
+    reapPing(&w->plc[which], 1);
+    w->news(w->pvt, which, 1);
+}
+
+static void request(pairWatch *w, unsigned which)
+{
+    if (epicsAtomicGetIntT(&w->way) != pairWatchCommand)
+        sendEcho(w, which);
+    else if (w->plc[which].sent % 2 == 0) { /* a process has two steps */
+        reapPing(&w->plc[which], 1);
+        spawnPing(w, which);
+    }
+    w->plc[which].sent++;
+}
+
+/* Timers of one host. */
+static void askStep(pairWatch *w, unsigned which, epicsUInt64 period, epicsUInt64 now,
+                    epicsUInt64 *wake)
+{
+    asked *a = &w->plc[which];
+
+    if (a->step == NEVER && now >= a->next) {
+        a->sent = 0;
+        a->step = now;
+        /* Who does not answer is asked more often, to be seen soon when it is back. */
+        a->next = now + (a->answers ? period : period / 2);
+    }
+    if (now >= a->step) {
+        if (a->sent < REQUESTS) {
+            request(w, which);
+            a->step = now + stepTime(period);
+        } else {
+            a->step = NEVER;
+            a->answers = 0;
+            reapPing(a, 1);
+            w->news(w->pvt, which, 0);
+        }
+    }
+    if (a->step < *wake)
+        *wake = a->step;
+    if (a->step == NEVER && a->next < *wake)
+        *wake = a->next;
+}
+
+/* Copies what others want. Returns the period, 0: do not ask. */
+static epicsUInt64 takeOrders(pairWatch *w)
+{
+    epicsUInt64 period;
+    unsigned i;
+
+    epicsMutexMustLock(w->lock);
+    period = w->period;
+    for (i = 0; i < PLC_LINKS_MAX; i++) {
+        w->plc[i].host = w->plc[i].wanted;
+        if (w->plc[i].now) {
+            w->plc[i].next = 0;
+            w->plc[i].step = NEVER;
+            w->plc[i].now = 0;
+        }
+    }
+    epicsMutexUnlock(w->lock);
+    return epicsAtomicGetIntT(&w->way) ? period : 0;
+}
+
+static void readSocket(pairWatch *w)
+{
+    struct sockaddr_in from;
+    socklen_t size = sizeof(from);
+    char packet[512];
+    ssize_t length;
+    unsigned i;
+
+    while ((length = recvfrom(w->socket, packet, sizeof(packet), 0,
+                              (struct sockaddr *)&from, &size)) >= 0) {
+        for (i = 0; i < PLC_LINKS_MAX; i++)
+            if (w->plc[i].host.s_addr == from.sin_addr.s_addr && isOurs(w, packet, length))
+                answered(w, i);
+        size = sizeof(from);
+    }
+}
+
+static void waitFor(pairWatch *w, epicsUInt64 wake)
+{
+    struct pollfd fds[2 + PLC_LINKS_MAX] = {{w->pipe[0], POLLIN, 0}, {w->socket, POLLIN, 0}};
+    epicsUInt64 now = epicsMonotonicGet();
+    char buffer[16];
+    unsigned i;
+    int ms = -1;
+
+    if (wake != NEVER)
+        ms = wake > now ? (int)((wake - now + 999999) / 1000000) : 0;
+    for (i = 0; i < PLC_LINKS_MAX; i++) {
+        fds[2 + i].fd = w->plc[i].child ? w->plc[i].output : -1;
+        fds[2 + i].events = POLLIN;
+    }
+    if (poll(fds, 2 + PLC_LINKS_MAX, ms) <= 0)
+        return;
+    while (fds[0].revents && read(w->pipe[0], buffer, sizeof(buffer)) > 0)
+        ;
+    if (fds[1].revents)
+        readSocket(w);
+    for (i = 0; i < PLC_LINKS_MAX; i++)
+        if (fds[2 + i].revents && read(w->plc[i].output, buffer, sizeof(buffer)) <= 0 &&
+            reapPing(&w->plc[i], 0))
+            answered(w, i);
+}
+
+static void watchThread(void *arg)
+{
+    pairWatch *w = arg;
+    unsigned i;
+
+    chooseWay(w);
+    while (!epicsAtomicGetIntT(&w->stop)) {
+        epicsUInt64 wake = NEVER, period = takeOrders(w);
+        epicsUInt64 now = epicsMonotonicGet();
+
+        for (i = 0; period && i < PLC_LINKS_MAX; i++)
+            if (w->plc[i].host.s_addr)
+                askStep(w, i, period, now, &wake);
+        waitFor(w, wake);
+    }
+    for (i = 0; i < PLC_LINKS_MAX; i++)
+        reapPing(&w->plc[i], 1);
+    if (w->socket >= 0)
+        close(w->socket);
+    epicsEventSignal(w->ended);
+}
+
+/* --- From outside ----------------------------------------------------------------------- */
+
+static void wake(pairWatch *w)
+{
+    (void)!write(w->pipe[1], "", 1); /* a full pipe wakes as well */
+}
+
+pairWatch *pairWatchCreate(unsigned ways, pairWatchNews *news, void *pvt)
+{
+    static int number;
+    pairWatch *w = callocMustSucceed(1, sizeof(*w), "pairWatchCreate");
+    unsigned i;
+
+    w->ways = ways;
+    w->news = news;
+    w->pvt = pvt;
+    w->socket = -1;
+    w->id = (epicsUInt16)(getpid() * 31 + epicsAtomicIncrIntT(&number));
+    w->lock = epicsMutexMustCreate();
+    w->ended = epicsEventMustCreate(epicsEventEmpty);
+    for (i = 0; i < PLC_LINKS_MAX; i++) {
+        w->plc[i].step = NEVER;
+        w->plc[i].output = -1;
+    }
+    if (pipe2(w->pipe, O_CLOEXEC | O_NONBLOCK))
+        cantProceed("pairWatch: no pipe: %s\n", strerror(errno));
+    if (!epicsThreadCreate("pairWatch", epicsThreadPriorityLow,
+                           epicsThreadGetStackSize(epicsThreadStackMedium), watchThread, w))
+        cantProceed("pairWatch: no thread\n");
+    return w;
+}
+
+void pairWatchDestroy(pairWatch *w)
+{
+    if (!w)
+        return;
+    epicsAtomicSetIntT(&w->stop, 1);
+    wake(w);
+    epicsEventMustWait(w->ended);
+    close(w->pipe[0]);
+    close(w->pipe[1]);
+    epicsEventDestroy(w->ended);
+    epicsMutexDestroy(w->lock);
+    free(w);
+}
+
+void pairWatchHost(pairWatch *w, unsigned which, struct in_addr host)
+{
+    int news;
+
+    epicsMutexMustLock(w->lock);
+    news = w->plc[which].wanted.s_addr != host.s_addr;
+    w->plc[which].wanted = host;
+    w->plc[which].now |= news;
+    epicsMutexUnlock(w->lock);
+    if (news)
+        wake(w);
+}
+
+void pairWatchPeriod(pairWatch *w, double ms)
+{
+    unsigned i;
+
+    epicsMutexMustLock(w->lock);
+    w->period = (epicsUInt64)((ms > 0 && ms < LEAST_MS ? LEAST_MS : ms) * 1e6);
+    for (i = 0; i < PLC_LINKS_MAX; i++)
+        w->plc[i].now = 1;
+    epicsMutexUnlock(w->lock);
+    wake(w);
+}
+
+void pairWatchNow(pairWatch *w, unsigned which)
+{
+    epicsMutexMustLock(w->lock);
+    w->plc[which].now = 1;
+    epicsMutexUnlock(w->lock);
+    wake(w);
+}
+
+const char *pairWatchWay(pairWatch *w)
+{
+    switch (epicsAtomicGetIntT(&w->way)) {
+    case pairWatchDatagram:
+        return "ICMP datagram socket";
+    case pairWatchRaw:
+        return "raw ICMP socket";
+    case pairWatchCommand:
+        return "ping command";
+    }
+    return "nothing";
+}
