@@ -1,5 +1,6 @@
 """One IOC as a user runs it: s7plcIoc with an st.cmd, commands on its shell, CA to its PVs."""
 import itertools
+import os
 import subprocess
 import threading
 import time
@@ -18,7 +19,28 @@ class Ioc:
     """P is the prefix of its records: $(P) in the database, left out in get() and put()."""
 
     def __init__(self, directory, configure, db, after="", wrapper=(), env=None):
-        self.P = f"t{next(_prefixes)}:"
+        self._setup(f"t{next(_prefixes)}:", wrapper, env)
+        db_file = directory / f"{self.P[:-1]}.db"
+        db_file.write_text(db)
+        self.script = directory / f"{self.P[:-1]}.cmd"
+        self.script.write_text(
+            f'dbLoadDatabase("{DBD}")\n'
+            "s7plcIoc_registerRecordDeviceDriver(pdbbase)\n"
+            f"{configure}\n"
+            f'dbLoadRecords("{db_file}", "P={self.P}")\n'
+            f"iocInit\n{after}\n")
+
+    @classmethod
+    def of_script(cls, script, prefix, macros):
+        """An IOC with an st.cmd that is there, started in its directory."""
+        ioc = cls.__new__(cls)
+        ioc._setup(prefix, (), {**os.environ, **macros})
+        ioc.script, ioc.directory = script, script.parent
+        return ioc
+
+    def _setup(self, prefix, wrapper, env):
+        self.P = prefix
+        self.directory = None
         self.pvs = {}
         self.lines = []
         self.changed = threading.Condition()
@@ -26,22 +48,14 @@ class Ioc:
         self.process = None
         self.wrapper = list(wrapper)
         self.env = env
-        self.db = directory / f"{self.P[:-1]}.db"
-        self.script = directory / f"{self.P[:-1]}.cmd"
-        self.db.write_text(db)
-        self.script.write_text(
-            f'dbLoadDatabase("{DBD}")\n'
-            "s7plcIoc_registerRecordDeviceDriver(pdbbase)\n"
-            f"{configure}\n"
-            f'dbLoadRecords("{self.db}", "P={self.P}")\n'
-            f"iocInit\n{after}\n")
 
     # --- the process ---------------------------------------------------------------------
 
     def start(self, limit=60):
         self.process = subprocess.Popen(
             self.wrapper + [str(PROGRAM), str(self.script)], stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=self.env)
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=self.env,
+            cwd=self.directory)
         threading.Thread(target=self._read, daemon=True).start()
         self.command("", limit)
         return self
