@@ -19,19 +19,19 @@
  * default limit, so that it is never written by chance. 64-bit types have no limits: both
  * are 0. */
 const plcType plcTypes[] = {
-    {"INT8", plcSigned, 1, -0x7F, 0x7F},
-    {"UINT8", plcUnsigned, 1, 0, 0xFF},
-    {"INT16", plcSigned, 2, -0x7FFF, 0x7FFF},
-    {"UINT16", plcUnsigned, 2, 0, 0xFFFF},
-    {"INT32", plcSigned, 4, -0x7FFFFFFF, 0x7FFFFFFF},
-    {"UINT32", plcUnsigned, 4, 0, 0xFFFFFFFFLL},
-    {"INT64", plcSigned, 8, 0, 0},
-    {"UINT64", plcUnsigned, 8, 0, 0},
-    {"REAL32", plcReal, 4, 0, 0},
-    {"REAL64", plcReal, 8, 0, 0},
-    {"STRING", plcString, 1, 0, 0},
-    {"TIME", plcBcd, 1, 0, 0},
-    {NULL, 0, 0, 0, 0},
+    {"INT8",   plcSigned,   1, -0x7F,       0x7F        },
+    {"UINT8",  plcUnsigned, 1, 0,           0xFF        },
+    {"INT16",  plcSigned,   2, -0x7FFF,     0x7FFF      },
+    {"UINT16", plcUnsigned, 2, 0,           0xFFFF      },
+    {"INT32",  plcSigned,   4, -0x7FFFFFFF, 0x7FFFFFFF  },
+    {"UINT32", plcUnsigned, 4, 0,           0xFFFFFFFFLL},
+    {"INT64",  plcSigned,   8, 0,           0           },
+    {"UINT64", plcUnsigned, 8, 0,           0           },
+    {"REAL32", plcReal,     4, 0,           0           },
+    {"REAL64", plcReal,     8, 0,           0           },
+    {"STRING", plcString,   1, 0,           0           },
+    {"TIME",   plcBcd,      1, 0,           0           },
+    {NULL,     0,           0, 0,           0           },
 };
 
 /* Other names of the same types. */
@@ -39,24 +39,24 @@ static const struct {
     const char *alias;
     const char *name;
 } aliases[] = {
-    {"UNSIGN8", "UINT8"},
-    {"BYTE", "UINT8"},
-    {"CHAR", "UINT8"},
-    {"SHORT", "INT16"},
+    {"UNSIGN8",  "UINT8" },
+    {"BYTE",     "UINT8" },
+    {"CHAR",     "UINT8" },
+    {"SHORT",    "INT16" },
     {"UNSIGN16", "UINT16"},
-    {"WORD", "UINT16"},
-    {"LONG", "INT32"},
+    {"WORD",     "UINT16"},
+    {"LONG",     "INT32" },
     {"UNSIGN32", "UINT32"},
-    {"DWORD", "UINT32"},
-    {"LONGLONG", "INT64"},
+    {"DWORD",    "UINT32"},
+    {"LONGLONG", "INT64" },
     {"UNSIGN64", "UINT64"},
-    {"QWORD", "UINT64"},
-    {"FLOAT32", "REAL32"},
-    {"FLOAT", "REAL32"},
-    {"FLOAT64", "REAL64"},
-    {"DOUBLE", "REAL64"},
-    {"BCD", "TIME"},
-    {NULL, NULL},
+    {"QWORD",    "UINT64"},
+    {"FLOAT32",  "REAL32"},
+    {"FLOAT",    "REAL32"},
+    {"FLOAT64",  "REAL64"},
+    {"DOUBLE",   "REAL64"},
+    {"BCD",      "TIME"  },
+    {NULL,       NULL    },
 };
 
 /* The whole of `word`, not only its beginning: FLOAT is not FLOAT64. */

@@ -12,11 +12,11 @@
 #include <epicsTypes.h>
 
 typedef enum {
-    plcSigned   = 1, /* kinds are bits, so that a set of allowed kinds is a mask */
+    plcSigned = 1, /* kinds are bits, so that a set of allowed kinds is a mask */
     plcUnsigned = 2,
-    plcReal     = 4,
-    plcString   = 8,
-    plcBcd      = 16
+    plcReal = 4,
+    plcString = 8,
+    plcBcd = 16
 } plcKind;
 
 #define plcInteger (plcSigned | plcUnsigned)
@@ -24,9 +24,9 @@ typedef enum {
 typedef struct plcType {
     const char *name; /* "INT16" */
     plcKind kind;
-    unsigned size;    /* bytes of one element: 1, 2, 4 or 8 */
-    epicsInt64 low;   /* default L: integers of at most 32 bits only. The most negative */
-    epicsInt64 high;  /* default H  value is left out: -0x7FFF for INT16 */
+    unsigned size;   /* bytes of one element: 1, 2, 4 or 8 */
+    epicsInt64 low;  /* default L: integers of at most 32 bits only. The most negative */
+    epicsInt64 high; /* default H  value is left out: -0x7FFF for INT16 */
 } plcType;
 
 /* All types in the order of the documentation; ends with a row whose name is NULL. */
@@ -40,15 +40,15 @@ const plcType *plcTypeFind(const char *name, size_t length);
 const plcType *plcTypeOf(plcKind kind, unsigned size);
 
 /* Writes the names of all types whose kind is in `kinds`, separated by blanks, for error
- * messages: "INT8 UINT8 INT16 REAL32". Integers of more than `maxSize` bytes are left out.
- * A name that would not fit into `size` characters is left out too, whole. */
+ * messages: "INT8 UINT8 INT16 REAL32". Integers of more than `maxSize` bytes are left
+ * out. A name that would not fit into `size` characters is left out too, whole. */
 void plcTypeList(unsigned kinds, unsigned maxSize, char *text, size_t size);
 
 /* One element. `bytes` need not be aligned. `bigEndian` is the order on the wire.
  *
- * plcGetInt gives the value sign-extended (plcSigned) or zero-extended to 64 bits; a UINT64
- * comes back with its bits unchanged. plcPutInt writes the low bytes of `value`: the
- * rest is cut off (modulo 2^n). Any kind but plcReal is treated as an integer. */
+ * plcGetInt gives the value sign-extended (plcSigned) or zero-extended to 64 bits; a
+ * UINT64 comes back with its bits unchanged. plcPutInt writes the low bytes of `value`:
+ * the rest is cut off (modulo 2^n). Any kind but plcReal is treated as an integer. */
 epicsInt64 plcGetInt(const plcType *type, const void *bytes, int bigEndian);
 void plcPutInt(const plcType *type, void *bytes, int bigEndian, epicsInt64 value);
 

@@ -1,8 +1,8 @@
 /* An image: the bytes of one block between record threads and the station's thread.
  *
- * Knows nothing of sockets, records or types. One mutex guards all of an image; it is held
- * for a copy of at most the block and for nothing else. A new input block is copied before
- * the lock is taken.
+ * Knows nothing of sockets, records or types. One mutex guards all of an image; it is
+ * held for a copy of at most the block and for nothing else. A new input block is copied
+ * before the lock is taken.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -106,11 +106,12 @@ int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src
                   const void *mask)
 {
     const epicsUInt8 *from = src, *bits = mask;
-    epicsUInt8 *to = image->bytes + offset;
+    epicsUInt8 *to;
     int first;
     size_t i;
 
     epicsMutexMustLock(image->lock);
+    to = image->bytes + offset;
     if (!mask && length)
         memcpy(to, from, length);
     for (i = 0; mask && i < length; i++)

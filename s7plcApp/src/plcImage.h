@@ -22,12 +22,12 @@ plcImage *plcImageCreate(size_t size);
 void plcImageDestroy(plcImage *image);
 size_t plcImageSize(const plcImage *image);
 
-/* --- Input: the station publishes, records read --------------------------------------- */
+/* --- Input: the station publishes, records read ------------------------------------- */
 
-/* Copies `length` bytes at `offset` to `dst`; all of them are of one block. The caller has
- * checked offset + length <= size, once, when the record was initialised.
- * stamp (may be NULL): time stamp of the block.
- * Returns 0, or -1 when the image is not valid: then nothing is copied. */
+/* Copies `length` bytes at `offset` to `dst`; all of them are of one block. The caller
+ * has checked offset + length <= size, once, when the record was initialised. stamp (may
+ * be NULL): time stamp of the block. Returns 0, or -1 when the image is not valid: then
+ * nothing is copied. */
 int plcImageRead(plcImage *image, size_t offset, size_t length, void *dst,
                  epicsTimeStamp *stamp);
 
@@ -38,13 +38,14 @@ void plcImageReason(plcImage *image, char reason[PLC_REASON_SIZE]);
 void plcImagePublish(plcImage *image, const void *block, const epicsTimeStamp *stamp);
 
 /* The bytes as they stand, for the thread that publishes, and for no other. They stay
- * unchanged until the publish after the next one: to compare a block with the one before. */
+ * unchanged until the publish after the next one: to compare a block with the one before.
+ */
 const void *plcImageBytes(const plcImage *image);
 
 /* No data any more, or a better reason why not. */
 void plcImageInvalidate(plcImage *image, const char *reason);
 
-/* --- Output: records write, the station takes ------------------------------------------ */
+/* --- Output: records write, the station takes --------------------------------------- */
 
 /* Writes `length` bytes at `offset`, only the bits that are set in `mask` (NULL: all).
  * Returns 1 when this is the first write since plcImageTake, else 0. */

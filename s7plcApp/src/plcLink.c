@@ -1,4 +1,5 @@
-/* The text of an INP or OUT link taken apart, and completed by what the record type allows.
+/* The text of an INP or OUT link taken apart, and completed by what the record type
+ * allows.
  *
  * Knows the data types, but no station, no record and no block size. All numbers are
  * checked for overflow; no text, however malformed, is read beyond its end.
@@ -143,11 +144,13 @@ static int parseNumber(cursor *c, const char *what, epicsUInt64 max, epicsUInt64
         *value = *value * base + digit;
     }
     if (c->at == first)
-        return fail(c->error, start, "%s \"%s\" is no number; allowed: such as 20 or 0x14",
-                    what, wordFrom(c, start, quote));
+        return fail(c->error, start,
+                    "%s \"%s\" is no number; allowed: such as 20 or 0x14", what,
+                    wordFrom(c, start, quote));
     if (base == 8 && isDigit(here(c)))
-        return fail(c->error, c->at, "%s \"%s\": a leading 0 means octal, without digit %c",
-                    what, wordFrom(c, start, quote), here(c));
+        return fail(c->error, c->at,
+                    "%s \"%s\": a leading 0 means octal, without digit %c", what,
+                    wordFrom(c, start, quote), here(c));
     if (base == 8 && *value > 7)
         warn(c->error, start, "%s \"%s\" is octal because of its leading 0: %llu", what,
              wordFrom(c, start, quote), (unsigned long long)*value);
@@ -185,8 +188,9 @@ static int parseSum(cursor *c, const char *what, size_t *result)
     epicsInt64 sum = 0;
 
     if (here(c) != '+' && here(c) != '-' && !isDigit(here(c)))
-        return fail(c->error, start, "%s \"%s\" is no number; allowed: such as 20 or 20+2",
-                    what, wordFrom(c, start, quote));
+        return fail(c->error, start,
+                    "%s \"%s\" is no number; allowed: such as 20 or 20+2", what,
+                    wordFrom(c, start, quote));
     for (;;) {
         if ((here(c) == '-' || isDigit(here(c))) && addNumber(c, what, &sum))
             return -1;
@@ -227,8 +231,9 @@ static int parseSigned(cursor *c, char letter, epicsInt64 *result)
     if (!negative && here(c) != '+' && !isDigit(here(c))) {
         c->at = start;
         if (!atEnd(c))
-            return fail(c->error, start, "%s%s is no number; allowed: such as %s20 or %s0x14",
-                        what, wordFrom(c, start, quote), what, what);
+            return fail(c->error, start,
+                        "%s%s is no number; allowed: such as %s20 or %s0x14", what,
+                        wordFrom(c, start, quote), what, what);
         warn(c->error, start, "%s has no value: taken as 0", what);
         return 0;
     }
@@ -450,7 +455,8 @@ static int completeLimits(plcLink *link, const plcShape *shape, plcLinkError *er
 
     defaultLimits(type, &low, &high);
     if (link->has & plcHasH && link->high > high)
-        return fail(error, link->column.H, "H=%lld is beyond the type; allowed for %s: up to %lld",
+        return fail(error, link->column.H,
+                    "H=%lld is beyond the type; allowed for %s: up to %lld",
                     (long long)link->high, type->name, (long long)high);
     if (!(link->has & plcHasH))
         link->high = high;
@@ -466,7 +472,8 @@ static int completeLimits(plcLink *link, const plcShape *shape, plcLinkError *er
                     (long long)link->high);
     if (matters && link->low < low - (type->kind == plcSigned))
         warn(error, link->column.L, "L=%lld is below the type: %s begins at %lld",
-             (long long)link->low, type->name, (long long)low - (type->kind == plcSigned));
+             (long long)link->low, type->name,
+             (long long)low - (type->kind == plcSigned));
     return 0;
 }
 
@@ -480,7 +487,8 @@ static int completeString(plcLink *link, size_t length, plcLinkError *error)
     if (link->low == 0)
         link->low = (epicsInt64)length;
     if (length && link->low > (epicsInt64)length) {
-        warn(error, link->column.L, "L=%lld is cut to %lu, the bytes that the record holds",
+        warn(error, link->column.L,
+             "L=%lld is cut to %lu, the bytes that the record holds",
              (long long)link->low, (unsigned long)length);
         link->low = (epicsInt64)length;
     }

@@ -52,20 +52,20 @@ int plcLinkParse(const char *text, plcLink *link, plcLinkError *error);
 
 /* What a record type allows, and what it means where the link is silent. */
 typedef struct plcShape {
-    const char *recordType;  /* "ai" */
-    unsigned kinds;          /* mask of plcKind */
-    unsigned maxSize;        /* bytes of the widest integer allowed; REAL64 always passes */
-    unsigned options;        /* plcHasL | ...: options that mean something here; others
-                                are accepted and ignored, as s7plc does */
+    const char *recordType; /* "ai" */
+    unsigned kinds;         /* mask of plcKind */
+    unsigned maxSize; /* bytes of the widest integer allowed; REAL64 always passes */
+    unsigned options; /* plcHasL | ...: options that mean something here; others
+                         are accepted and ignored, as s7plc does */
     const char *defaultType; /* "INT16", "STRING" */
 } plcShape;
 
 /* Fills in the defaults (type, L, H) and checks type, limits and bit against the shape.
  * `length` is the number of bytes of the record's own string or array, the default and
  * largest L of T=STRING (0: none). Returns as plcLinkParse; its warning is not kept.
- * L and H are taken exactly as given, but H without L means L=0, and L=0 H=0 the limits of
- * the type, as with s7plc. L may be below the type, with a warning: it is a point of the
- * LINEAR scale then, and what is written must be cut to the type by the caller. */
+ * L and H are taken exactly as given, but H without L means L=0, and L=0 H=0 the limits
+ * of the type, as with s7plc. L may be below the type, with a warning: it is a point of
+ * the LINEAR scale then, and what is written must be cut to the type by the caller. */
 int plcLinkComplete(plcLink *link, const plcShape *shape, size_t length,
                     plcLinkError *error);
 

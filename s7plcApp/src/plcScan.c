@@ -21,10 +21,10 @@
 #include "plcScan.h"
 
 #define ALL_PRIOS ((1u << NUM_CALLBACK_PRIORITIES) - 1)
-#define WORD 8            /* bytes; the index knows which groups touch a word */
-#define CHUNK 512         /* bytes compared at once; a multiple of WORD */
-#define WIDE (8 * WORD)   /* groups longer than this are not in the index */
-#define BATCH 64          /* groups copied under the lock, then processed without it */
+#define WORD 8          /* bytes; the index knows which groups touch a word */
+#define CHUNK 512       /* bytes compared at once; a multiple of WORD */
+#define WIDE (8 * WORD) /* groups longer than this are not in the index */
+#define BATCH 64        /* groups copied under the lock, then processed without it */
 
 typedef struct group {
     IOSCANPVT list;
@@ -68,8 +68,8 @@ struct plcScan {
     group **buckets; /* hash of (offset, length); a power of 2 */
     size_t numBuckets;
 
-    int indexOld;       /* groups came since the index was built */
-    size_t *wordStart;  /* word i has the groups wordGroups[wordStart[i] .. [i+1]) */
+    int indexOld;      /* groups came since the index was built */
+    size_t *wordStart; /* word i has the groups wordGroups[wordStart[i] .. [i+1]) */
     group **wordGroups;
     group **wide;
     size_t numWide;
@@ -77,7 +77,7 @@ struct plcScan {
 
 static void pass(epicsCallback *callback);
 
-/* --- Groups ---------------------------------------------------------------------------- */
+/* --- Groups ------------------------------------------------------------------------- */
 
 static size_t hash(const plcScan *scan, size_t offset, size_t length)
 {
@@ -117,7 +117,8 @@ static void grow(plcScan *scan)
     scan->running = growArray(scan->running, scan->numRunning, scan->room);
     free(scan->buckets);
     scan->numBuckets = 2 * scan->room;
-    scan->buckets = callocMustSucceed(scan->numBuckets, sizeof(*scan->buckets), "plcScan");
+    scan->buckets =
+        callocMustSucceed(scan->numBuckets, sizeof(*scan->buckets), "plcScan");
     for (i = 0; i < scan->numGroups; i++) {
         group *g = scan->groups[i];
         group **bucket = &scan->buckets[hash(scan, g->offset, g->length)];
@@ -225,7 +226,7 @@ IOSCANPVT plcScanJoin(plcScan *scan, size_t offset, size_t length, int prio, int
     return list;
 }
 
-/* --- Which groups a change touches ----------------------------------------------------- */
+/* --- Which groups a change touches -------------------------------------------------- */
 
 /* First and last word that a group touches. Its length is not 0. */
 static size_t firstWord(const group *g)
@@ -261,8 +262,8 @@ static void buildIndex(plcScan *scan)
     }
     for (w = 2; w < numWords + 2; w++)
         scan->wordStart[w] += scan->wordStart[w - 1];
-    scan->wordGroups = callocMustSucceed(scan->wordStart[numWords + 1] + 1,
-                                         sizeof(group *), "plcScan");
+    scan->wordGroups =
+        callocMustSucceed(scan->wordStart[numWords + 1] + 1, sizeof(group *), "plcScan");
     for (i = 0; i < scan->numGroups; i++) {
         group *g = scan->groups[i];
 
@@ -324,7 +325,7 @@ static size_t touchChanged(plcScan *scan, const char *before, const char *after)
     return scan->numPending - waiting;
 }
 
-/* --- Passes ---------------------------------------------------------------------------- */
+/* --- Passes ------------------------------------------------------------------------- */
 
 /* The priorities of `prios` for which these counts are not 0. */
 static unsigned inUse(const unsigned count[NUM_CALLBACK_PRIORITIES], unsigned prios)

@@ -25,8 +25,8 @@ typedef void plcScanDone(void *pvt, epicsUInt64 requested);
  * do not block; none calls done() itself. */
 plcScan *plcScanCreate(size_t blockSize, plcScanDone *done, void *pvt);
 
-/* For unit tests: no record is in the lists any more and no pass runs. The lists themselves
- * are Base's: testdbCleanup frees them. */
+/* For unit tests: no record is in the lists any more and no pass runs. The lists
+ * themselves are Base's: testdbCleanup frees them. */
 void plcScanDestroy(plcScan *scan);
 
 /* Before any record joins: 0 = one group of all records (scan=all, the default),

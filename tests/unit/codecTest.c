@@ -17,21 +17,51 @@ static const struct {
     const char *name;
     const char *type; /* "" = there is no such type */
 } names[] = {
-    {"INT8", "INT8"},       {"UINT8", "UINT8"},     {"UNSIGN8", "UINT8"},
-    {"BYTE", "UINT8"},      {"CHAR", "UINT8"},      {"INT16", "INT16"},
-    {"SHORT", "INT16"},     {"UINT16", "UINT16"},   {"UNSIGN16", "UINT16"},
-    {"WORD", "UINT16"},     {"INT32", "INT32"},     {"LONG", "INT32"},
-    {"UINT32", "UINT32"},   {"UNSIGN32", "UINT32"}, {"DWORD", "UINT32"},
-    {"INT64", "INT64"},     {"LONGLONG", "INT64"},  {"UINT64", "UINT64"},
-    {"UNSIGN64", "UINT64"}, {"QWORD", "UINT64"},    {"REAL32", "REAL32"},
-    {"FLOAT32", "REAL32"},  {"FLOAT", "REAL32"},    {"REAL64", "REAL64"},
-    {"FLOAT64", "REAL64"},  {"DOUBLE", "REAL64"},   {"STRING", "STRING"},
-    {"TIME", "TIME"},       {"BCD", "TIME"},        {"int16", "INT16"},
-    {"Float64", "REAL64"},  {"longlong", "INT64"},  {"", ""},
-    {"INT", ""},            {"INT1", ""},           {"INT128", ""},
-    {"INT16X", ""},         {"UINT", ""},           {"FLOAT6", ""},
-    {"FLOAT640", ""},       {"LONGLON", ""},        {"REAL", ""},
-    {"STRIN", ""},          {"BOOL", ""},           {"INT16 ", ""},
+    {"INT8",     "INT8"  },
+    {"UINT8",    "UINT8" },
+    {"UNSIGN8",  "UINT8" },
+    {"BYTE",     "UINT8" },
+    {"CHAR",     "UINT8" },
+    {"INT16",    "INT16" },
+    {"SHORT",    "INT16" },
+    {"UINT16",   "UINT16"},
+    {"UNSIGN16", "UINT16"},
+    {"WORD",     "UINT16"},
+    {"INT32",    "INT32" },
+    {"LONG",     "INT32" },
+    {"UINT32",   "UINT32"},
+    {"UNSIGN32", "UINT32"},
+    {"DWORD",    "UINT32"},
+    {"INT64",    "INT64" },
+    {"LONGLONG", "INT64" },
+    {"UINT64",   "UINT64"},
+    {"UNSIGN64", "UINT64"},
+    {"QWORD",    "UINT64"},
+    {"REAL32",   "REAL32"},
+    {"FLOAT32",  "REAL32"},
+    {"FLOAT",    "REAL32"},
+    {"REAL64",   "REAL64"},
+    {"FLOAT64",  "REAL64"},
+    {"DOUBLE",   "REAL64"},
+    {"STRING",   "STRING"},
+    {"TIME",     "TIME"  },
+    {"BCD",      "TIME"  },
+    {"int16",    "INT16" },
+    {"Float64",  "REAL64"},
+    {"longlong", "INT64" },
+    {"",         ""      },
+    {"INT",      ""      },
+    {"INT1",     ""      },
+    {"INT128",   ""      },
+    {"INT16X",   ""      },
+    {"UINT",     ""      },
+    {"FLOAT6",   ""      },
+    {"FLOAT640", ""      },
+    {"LONGLON",  ""      },
+    {"REAL",     ""      },
+    {"STRIN",    ""      },
+    {"BOOL",     ""      },
+    {"INT16 ",   ""      },
 };
 
 static void testNames(void)
@@ -57,18 +87,18 @@ static const struct {
     unsigned size;
     epicsInt64 low, high;
 } types[] = {
-    {"INT8",   plcSigned,   1, -127,        127          },
-    {"UINT8",  plcUnsigned, 1, 0,           255          },
-    {"INT16",  plcSigned,   2, -32767,      32767        },
-    {"UINT16", plcUnsigned, 2, 0,           65535        },
-    {"INT32",  plcSigned,   4, -2147483647, 2147483647   },
-    {"UINT32", plcUnsigned, 4, 0,           4294967295LL },
-    {"INT64",  plcSigned,   8, 0,           0            },
-    {"UINT64", plcUnsigned, 8, 0,           0            },
-    {"REAL32", plcReal,     4, 0,           0            },
-    {"REAL64", plcReal,     8, 0,           0            },
-    {"STRING", plcString,   1, 0,           0            },
-    {"TIME",   plcBcd,      1, 0,           0            },
+    {"INT8",   plcSigned,   1, -127,        127         },
+    {"UINT8",  plcUnsigned, 1, 0,           255         },
+    {"INT16",  plcSigned,   2, -32767,      32767       },
+    {"UINT16", plcUnsigned, 2, 0,           65535       },
+    {"INT32",  plcSigned,   4, -2147483647, 2147483647  },
+    {"UINT32", plcUnsigned, 4, 0,           4294967295LL},
+    {"INT64",  plcSigned,   8, 0,           0           },
+    {"UINT64", plcUnsigned, 8, 0,           0           },
+    {"REAL32", plcReal,     4, 0,           0           },
+    {"REAL64", plcReal,     8, 0,           0           },
+    {"STRING", plcString,   1, 0,           0           },
+    {"TIME",   plcBcd,      1, 0,           0           },
 };
 
 static void testTypes(void)
@@ -96,16 +126,16 @@ static const struct {
     size_t size;
     const char *list;
 } lists[] = {
-    {"integers to 16 bits", plcInteger, 2, 100, "INT8 UINT8 INT16 UINT16"},
+    {"integers to 16 bits",           plcInteger,           2, 100, "INT8 UINT8 INT16 UINT16"},
     {"integers to 32 bits and reals", plcInteger | plcReal, 4, 100,
-     "INT8 UINT8 INT16 UINT16 INT32 UINT32 REAL32 REAL64"},
-    {"strings", plcString, 8, 100, "STRING"},
-    {"no kind", 0, 8, 100, ""},
-    {"signed in 10 characters", plcSigned, 8, 10, "INT8"},
-    {"signed in 11 characters", plcSigned, 8, 11, "INT8 INT16"},
-    {"signed in 1 character", plcSigned, 8, 1, ""},
-    {"everything", ~0u, 8, 100,
-     "INT8 UINT8 INT16 UINT16 INT32 UINT32 INT64 UINT64 REAL32 REAL64 STRING TIME"},
+     "INT8 UINT8 INT16 UINT16 INT32 UINT32 REAL32 REAL64"                                    },
+    {"strings",                       plcString,            8, 100, "STRING"                 },
+    {"no kind",                       0,                    8, 100, ""                       },
+    {"signed in 10 characters",       plcSigned,            8, 10,  "INT8"                   },
+    {"signed in 11 characters",       plcSigned,            8, 11,  "INT8 INT16"             },
+    {"signed in 1 character",         plcSigned,            8, 1,   ""                       },
+    {"everything",                    ~0u,                  8, 100,
+     "INT8 UINT8 INT16 UINT16 INT32 UINT32 INT64 UINT64 REAL32 REAL64 STRING TIME"           },
 };
 
 static void testLists(void)
@@ -127,38 +157,32 @@ static const struct {
     epicsUInt8 big[8]; /* most significant byte first */
     epicsInt64 value;
 } integers[] = {
-    {"INT8",   {0x00},                   0                    },
-    {"INT8",   {0x7F},                   127                  },
-    {"INT8",   {0x80},                   -128                 },
-    {"INT8",   {0xFF},                   -1                   },
-    {"UINT8",  {0x80},                   128                  },
-    {"UINT8",  {0xFF},                   255                  },
-    {"INT16",  {0x12, 0x34},             0x1234               },
-    {"INT16",  {0x80, 0x00},             -32768               },
-    {"INT16",  {0x80, 0x01},             -32767               },
-    {"INT16",  {0xFF, 0xFE},             -2                   },
-    {"UINT16", {0x00, 0xFF},             255                  },
-    {"UINT16", {0x80, 0x01},             32769                },
-    {"UINT16", {0xFF, 0xFF},             65535                },
-    {"INT32",  {0x12, 0x34, 0x56, 0x78}, 0x12345678           },
-    {"INT32",  {0x80, 0x00, 0x00, 0x00}, -2147483647 - 1      },
-    {"INT32",  {0xFF, 0xFF, 0xFF, 0x85}, -123                 },
-    {"UINT32", {0x80, 0x00, 0x00, 0x02}, 2147483650LL         },
-    {"UINT32", {0xFF, 0xFF, 0xFF, 0xFF}, 4294967295LL         },
-    {"INT64",
-     {0x01, 0x23, 0x45, 0x67, 0x89, 0xAB, 0xCD, 0xEF},
-     0x0123456789ABCDEFLL                                     },
-    {"INT64",
-     {0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFD},
-     -3                                                       },
+    {"INT8",   {0x00},                                           0                    },
+    {"INT8",   {0x7F},                                           127                  },
+    {"INT8",   {0x80},                                           -128                 },
+    {"INT8",   {0xFF},                                           -1                   },
+    {"UINT8",  {0x80},                                           128                  },
+    {"UINT8",  {0xFF},                                           255                  },
+    {"INT16",  {0x12, 0x34},                                     0x1234               },
+    {"INT16",  {0x80, 0x00},                                     -32768               },
+    {"INT16",  {0x80, 0x01},                                     -32767               },
+    {"INT16",  {0xFF, 0xFE},                                     -2                   },
+    {"UINT16", {0x00, 0xFF},                                     255                  },
+    {"UINT16", {0x80, 0x01},                                     32769                },
+    {"UINT16", {0xFF, 0xFF},                                     65535                },
+    {"INT32",  {0x12, 0x34, 0x56, 0x78},                         0x12345678           },
+    {"INT32",  {0x80, 0x00, 0x00, 0x00},                         -2147483647 - 1      },
+    {"INT32",  {0xFF, 0xFF, 0xFF, 0x85},                         -123                 },
+    {"UINT32", {0x80, 0x00, 0x00, 0x02},                         2147483650LL         },
+    {"UINT32", {0xFF, 0xFF, 0xFF, 0xFF},                         4294967295LL         },
+    {"INT64",  {0x01, 0x23, 0x45, 0x67, 0x89, 0xAB, 0xCD, 0xEF}, 0x0123456789ABCDEFLL },
+    {"INT64",  {0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFD}, -3                   },
     {"INT64",
      {0x80, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00},
-     -0x7FFFFFFFFFFFFFFFLL - 1                                },
-    {"UINT64",
-     {0xFE, 0xDC, 0xBA, 0x98, 0x76, 0x54, 0x32, 0x10},
-     -0x0123456789ABCDF0LL                                    },
-    {"STRING", {0xE4},                   0xE4                 },
-    {"TIME",   {0x59},                   0x59                 },
+     -0x7FFFFFFFFFFFFFFFLL - 1                                                        },
+    {"UINT64", {0xFE, 0xDC, 0xBA, 0x98, 0x76, 0x54, 0x32, 0x10}, -0x0123456789ABCDF0LL},
+    {"STRING", {0xE4},                                           0xE4                 },
+    {"TIME",   {0x59},                                           0x59                 },
 };
 
 static const struct {
@@ -166,16 +190,15 @@ static const struct {
     epicsUInt8 big[8];
     double value;
 } reals[] = {
-    {"REAL32", {0x00, 0x00, 0x00, 0x00},                         0.0                  },
-    {"REAL32", {0x3F, 0x80, 0x00, 0x00},                         1.0                  },
-    {"REAL32", {0xC0, 0x49, 0x0F, 0xDB},                         -3.1415927410125732  },
-    {"REAL32", {0x7F, 0x7F, 0xFF, 0xFF},                         3.4028234663852886e38},
-    {"REAL32", {0x00, 0x00, 0x00, 0x01},                         1.401298464324817e-45},
-    {"REAL64", {0x3F, 0xF0, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00}, 1.0                  },
-    {"REAL64", {0xC0, 0x09, 0x21, 0xFB, 0x54, 0x44, 0x2D, 0x18}, -3.141592653589793   },
-    {"REAL64", {0x7F, 0xEF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF},
-     1.7976931348623157e308                                                           },
-    {"REAL64", {0x40, 0xC8, 0x1C, 0xD6, 0xE6, 0x31, 0xF8, 0xA1}, 12345.6789           },
+    {"REAL32", {0x00, 0x00, 0x00, 0x00},                         0.0                   },
+    {"REAL32", {0x3F, 0x80, 0x00, 0x00},                         1.0                   },
+    {"REAL32", {0xC0, 0x49, 0x0F, 0xDB},                         -3.1415927410125732   },
+    {"REAL32", {0x7F, 0x7F, 0xFF, 0xFF},                         3.4028234663852886e38 },
+    {"REAL32", {0x00, 0x00, 0x00, 0x01},                         1.401298464324817e-45 },
+    {"REAL64", {0x3F, 0xF0, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00}, 1.0                   },
+    {"REAL64", {0xC0, 0x09, 0x21, 0xFB, 0x54, 0x44, 0x2D, 0x18}, -3.141592653589793    },
+    {"REAL64", {0x7F, 0xEF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF}, 1.7976931348623157e308},
+    {"REAL64", {0x40, 0xC8, 0x1C, 0xD6, 0xE6, 0x31, 0xF8, 0xA1}, 12345.6789            },
 };
 
 static const char *const orderNames[] = {"little-endian", "big-endian"};
@@ -237,12 +260,12 @@ static const struct {
     const char *type;
     epicsInt64 value, read;
 } overflows[] = {
-    {"INT8",   300,           44         },
-    {"UINT8",  -1,            255        },
-    {"INT16",  40000,         -25536     },
-    {"UINT16", 65537,         1          },
-    {"INT32",  2147483648LL,  -2147483648LL},
-    {"UINT32", -1,            4294967295LL},
+    {"INT8",   300,          44           },
+    {"UINT8",  -1,           255          },
+    {"INT16",  40000,        -25536       },
+    {"UINT16", 65537,        1            },
+    {"INT32",  2147483648LL, -2147483648LL},
+    {"UINT32", -1,           4294967295LL },
 };
 
 static void testOverflows(void)
@@ -298,10 +321,12 @@ static const struct {
     unsigned size;
     epicsUInt64 first[2], last[2]; /* little-endian, big-endian */
 } copies[] = {
-    {1, {0x01, 0x01},                             {0x10, 0x10}                            },
-    {2, {0x0201, 0x0102},                         {0x100F, 0x0F10}                        },
-    {4, {0x04030201, 0x01020304},                 {0x100F0E0D, 0x0D0E0F10}                },
-    {8, {0x0807060504030201, 0x0102030405060708}, {0x100F0E0D0C0B0A09, 0x090A0B0C0D0E0F10}},
+    {1, {0x01, 0x01},                          {0x10, 0x10}            },
+    {2, {0x0201, 0x0102},                      {0x100F, 0x0F10}        },
+    {4, {0x04030201, 0x01020304},              {0x100F0E0D, 0x0D0E0F10}},
+    {8,
+     {0x0807060504030201, 0x0102030405060708},
+     {0x100F0E0D0C0B0A09, 0x090A0B0C0D0E0F10}                          },
 };
 
 static void testCopies(int bigEndian)
@@ -328,7 +353,13 @@ static void testCopies(int bigEndian)
 
 static const struct {
     epicsUInt8 bcd, value;
-} bcds[] = {{0x00, 0}, {0x09, 9}, {0x10, 10}, {0x59, 59}, {0x99, 99}};
+} bcds[] = {
+    {0x00, 0 },
+    {0x09, 9 },
+    {0x10, 10},
+    {0x59, 59},
+    {0x99, 99}
+};
 
 static void testBcd(void)
 {

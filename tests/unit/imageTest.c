@@ -31,7 +31,8 @@ static void testInput(void)
     plcImageInvalidate(image, "connection refused");
     testOk(reasonIs(image, "connection refused"), "a better reason replaces it");
     plcImagePublish(image, "ABCDEF", &stampA);
-    testOk(plcImageRead(image, 2, 3, got, &stamp) == 0, "a published block makes it valid");
+    testOk(plcImageRead(image, 2, 3, got, &stamp) == 0,
+           "a published block makes it valid");
     testOk(memcmp(got, "CDE\x09", 4) == 0, "3 bytes at offset 2 are read");
     testOk(stamp.secPastEpoch == 1000 && stamp.nsec == 5, "with the stamp of the block");
     testOk(reasonIs(image, ""), "there is no reason any more");
@@ -55,18 +56,24 @@ static const struct {
     int masked;
     epicsUInt8 expect[4]; /* the image held 11 22 33 44 */
 } writes[] = {
-    {"all bytes", 0, 4, {0xA1, 0xB2, 0xC3, 0xD4}, {0}, 0, {0xA1, 0xB2, 0xC3, 0xD4}},
-    {"one byte in the middle", 1, 1, {0xFF}, {0}, 0, {0x11, 0xFF, 0x33, 0x44}},
-    {"the last byte", 3, 1, {0x00}, {0}, 0, {0x11, 0x22, 0x33, 0x00}},
-    {"no byte at the end", 4, 0, {0xFF}, {0}, 0, {0x11, 0x22, 0x33, 0x44}},
-    {"bit 0 set", 0, 1, {0xFF}, {0x02}, 1, {0x13, 0x22, 0x33, 0x44}},
-    {"bit 0 cleared", 0, 1, {0x00}, {0x01}, 1, {0x10, 0x22, 0x33, 0x44}},
-    {"bits outside of the mask do not count", 2, 1, {0xF0}, {0x0F}, 1,
-     {0x11, 0x22, 0x30, 0x44}},
-    {"a mask across two bytes", 1, 2, {0xAB, 0xCD}, {0x0F, 0xF0}, 1,
-     {0x11, 0x2B, 0xC3, 0x44}},
-    {"an empty mask", 0, 4, {0xFF, 0xFF, 0xFF, 0xFF}, {0}, 1, {0x11, 0x22, 0x33, 0x44}},
-    {"a full mask", 0, 4, {1, 2, 3, 4}, {0xFF, 0xFF, 0xFF, 0xFF}, 1, {1, 2, 3, 4}},
+    {"all bytes",                             0, 4, {0xA1, 0xB2, 0xC3, 0xD4}, {0},                      0, {0xA1, 0xB2, 0xC3, 0xD4}},
+    {"one byte in the middle",                1, 1, {0xFF},                   {0},                      0, {0x11, 0xFF, 0x33, 0x44}},
+    {"the last byte",                         3, 1, {0x00},                   {0},                      0, {0x11, 0x22, 0x33, 0x00}},
+    {"no byte at the end",                    4, 0, {0xFF},                   {0},                      0, {0x11, 0x22, 0x33, 0x44}},
+    {"bit 0 set",                             0, 1, {0xFF},                   {0x02},                   1, {0x13, 0x22, 0x33, 0x44}},
+    {"bit 0 cleared",                         0, 1, {0x00},                   {0x01},                   1, {0x10, 0x22, 0x33, 0x44}},
+    {"bits outside of the mask do not count",
+     2,                                          1,
+     {0xF0},
+     {0x0F},
+     1,                                                                                                    {0x11, 0x22, 0x30, 0x44}},
+    {"a mask across two bytes",
+     1,                                          2,
+     {0xAB, 0xCD},
+     {0x0F, 0xF0},
+     1,                                                                                                    {0x11, 0x2B, 0xC3, 0x44}},
+    {"an empty mask",                         0, 4, {0xFF, 0xFF, 0xFF, 0xFF}, {0},                      1, {0x11, 0x22, 0x33, 0x44}},
+    {"a full mask",                           0, 4, {1, 2, 3, 4},             {0xFF, 0xFF, 0xFF, 0xFF}, 1, {1, 2, 3, 4}            },
 };
 
 static void testWrites(void)
@@ -99,7 +106,8 @@ static void testDirty(void)
     testOk(plcImageWrite(image, 2, 1, "y", NULL) == 0, "the second is not the first");
     testOk(plcImageDirty(image), "now there is something to send");
     plcImagePeek(image, 0, 3, got);
-    testOk(memcmp(got, "\0xy", 3) == 0 && plcImageDirty(image), "peek does not forget it");
+    testOk(memcmp(got, "\0xy", 3) == 0 && plcImageDirty(image),
+           "peek does not forget it");
     plcImageTake(image, got);
     testOk(memcmp(got, "\0xy", 3) == 0 && !plcImageDirty(image), "take does");
     plcImageTouch(image);
@@ -127,7 +135,7 @@ static void testEmpty(void)
     plcImageDestroy(NULL);
 }
 
-/* --- Threads: a block is always filled with one byte value ------------------------------ */
+/* --- Threads: a block is always filled with one byte value -------------------------- */
 
 #define BLOCK 4096
 #define ROUNDS 3000
@@ -202,7 +210,8 @@ static void writer(void *arg)
 /* All end after their rounds, whatever the scheduler does. */
 static void testThreads(void)
 {
-    static EPICSTHREADFUNC const functions[] = {publisher, reader, reader, reader, writer};
+    static EPICSTHREADFUNC const functions[] = {publisher, reader, reader, reader,
+                                                writer};
     race r = {plcImageCreate(BLOCK), plcImageCreate(BLOCK), 0, 0, 0};
     epicsThreadId threads[sizeof(functions) / sizeof(functions[0])];
     epicsThreadOpts opts = EPICS_THREAD_OPTS_INIT;

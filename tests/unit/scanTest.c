@@ -5,8 +5,8 @@
 #include <dbAccess.h>
 #include <dbUnitTest.h>
 #include <devSup.h>
-#include <epicsAtomic.h>
 #include <epicsEvent.h>
+#include <epicsMutex.h>
 #include <epicsStdio.h>
 #include <epicsTime.h>
 #include <errlog.h>
@@ -24,36 +24,63 @@ void scanTest_registerRecordDeviceDriver(struct dbBase *);
 
 /* A scan and what its done() saw. */
 typedef struct probe {
-    const char *name;
     plcScan *scan;
     epicsEventId over;
-    int passes; /* atomic */
+    epicsMutexId lock; /* of the rest */
+    int passes;
     epicsUInt64 requested;
 } probe;
 
-static probe all = {"all", NULL, NULL, 0, 0};
-static probe range = {"range", NULL, NULL, 0, 0};
+static probe all, range;
 
 static void done(void *pvt, epicsUInt64 requested)
 {
     probe *p = pvt;
 
+    epicsMutexMustLock(p->lock);
     p->requested = requested;
-    epicsAtomicIncrIntT(&p->passes);
+    p->passes++;
+    epicsMutexUnlock(p->lock);
     epicsEventMustTrigger(p->over);
+}
+
+static int passesOf(probe *p)
+{
+    int passes;
+
+    epicsMutexMustLock(p->lock);
+    passes = p->passes;
+    epicsMutexUnlock(p->lock);
+    return passes;
 }
 
 /* Waits until as many passes are over, since the start of the test. */
 static int waitPasses(probe *p, int passes)
 {
-    while (epicsAtomicGetIntT(&p->passes) < passes) {
+    while (passesOf(p) < passes) {
         if (epicsEventWaitWithTimeout(p->over, NO_HANG) != epicsEventWaitOK)
             return 0;
     }
-    return epicsAtomicGetIntT(&p->passes) == passes;
+    return passesOf(p) == passes;
 }
 
-/* --- A device support that counts ------------------------------------------------------- */
+static void create(probe *p, size_t blockSize, int byRange)
+{
+    p->passes = 0;
+    p->lock = epicsMutexMustCreate();
+    p->over = epicsEventMustCreate(epicsEventEmpty);
+    p->scan = plcScanCreate(blockSize, done, p);
+    plcScanByRange(p->scan, byRange);
+}
+
+static void destroy(probe *p)
+{
+    plcScanDestroy(p->scan);
+    epicsEventDestroy(p->over);
+    epicsMutexDestroy(p->lock);
+}
+
+/* --- A device support that counts --------------------------------------------------- */
 
 typedef struct place {
     probe *p;
@@ -75,7 +102,8 @@ static long initRecord(dbCommon *common)
     char name[20];
     place *at = &places[numPlaces++];
 
-    if (sscanf(prec->inp.value.instio.string, "%19s %lu %lu", name, &offset, &length) != 3)
+    if (sscanf(prec->inp.value.instio.string, "%19s %lu %lu", name, &offset, &length) !=
+        3)
         return S_db_badField;
     at->p = strcmp(name, "all") == 0 ? &all : &range;
     at->offset = offset;
@@ -104,7 +132,8 @@ static long readLongin(longinRecord *prec)
 }
 
 static const longindset devScanTest = {
-    {5, NULL, NULL, initRecord, getIoIntInfo}, readLongin
+    {5, NULL, NULL, initRecord, getIoIntInfo},
+    readLongin
 };
 epicsExportAddress(dset, devScanTest);
 
@@ -124,7 +153,7 @@ static void openGate(void)
     epicsEventMustTrigger(gateOpen);
 }
 
-/* --- One group ---------------------------------------------------------------------------- */
+/* --- One group ---------------------------------------------------------------------- */
 
 static const char *const allNames[] = {"all:low", "all:low2", "all:medium", "all:high"};
 
@@ -181,7 +210,8 @@ static void testFlood(void)
     epicsEventMustWait(gateReached);
     testOk(plcScanBusy(all.scan), "a pass that hangs in a record is busy");
     first = epicsMonotonicGet();
-    testOk(plcScanRequestAll(all.scan) == 0, "the first request meanwhile waits for its own");
+    testOk(plcScanRequestAll(all.scan) == 0,
+           "the first request meanwhile waits for its own");
     for (i = 0; i < 100000; i++)
         merged += plcScanRequestAll(all.scan);
     testOk(merged == 100000, "100000 more are merged into that one");
@@ -198,10 +228,10 @@ static void testFlood(void)
     testOk(!plcScanBusy(all.scan), "nothing waits any more");
 }
 
-/* --- A group for each range ---------------------------------------------------------------- */
+/* --- A group for each range --------------------------------------------------------- */
 
-static const char *const rangeNames[] = {"r:0",    "r:1",       "r:4a",   "r:4b",   "r:6x4",
-                                         "r:wide", "r:64bytes", "r:last", "r:whole"};
+static const char *const rangeNames[] = {
+    "r:0", "r:1", "r:4a", "r:4b", "r:6x4", "r:wide", "r:64bytes", "r:last", "r:whole"};
 
 #define NUM_RANGES (sizeof(rangeNames) / sizeof(rangeNames[0]))
 
@@ -243,19 +273,19 @@ static const struct {
     int first, last; /* bytes that change; the first and the last of them do */
     const char *records;
 } changes[] = {
-    {"the first byte", 0, 0, "0 whole"},
-    {"its neighbour in the same word", 1, 1, "1 whole"},
-    {"a byte that only the whole block has", 2, 2, "whole"},
-    {"a byte of two records with one range", 4, 4, "4a 4b whole"},
-    {"a byte of two ranges", 7, 7, "4a 4b 6x4 whole"},
-    {"a byte beyond the word where the range begins", 9, 9, "6x4 whole"},
-    {"two bytes far apart", 1, 202, "1 last whole"},
-    {"the first byte of a long range", 60, 60, "wide whole"},
-    {"the byte before it", 59, 59, "whole"},
-    {"a byte of two long ranges", 101, 101, "wide 64bytes whole"},
-    {"the last byte of a long range", 159, 159, "wide 64bytes whole"},
-    {"the byte after it", 160, 160, "64bytes whole"},
-    {"the last byte of the block", 202, 202, "last whole"},
+    {"the first byte",                                0,   0,   "0 whole"           },
+    {"its neighbour in the same word",                1,   1,   "1 whole"           },
+    {"a byte that only the whole block has",          2,   2,   "whole"             },
+    {"a byte of two records with one range",          4,   4,   "4a 4b whole"       },
+    {"a byte of two ranges",                          7,   7,   "4a 4b 6x4 whole"   },
+    {"a byte beyond the word where the range begins", 9,   9,   "6x4 whole"         },
+    {"two bytes far apart",                           1,   202, "1 last whole"      },
+    {"the first byte of a long range",                60,  60,  "wide whole"        },
+    {"the byte before it",                            59,  59,  "whole"             },
+    {"a byte of two long ranges",                     101, 101, "wide 64bytes whole"},
+    {"the last byte of a long range",                 159, 159, "wide 64bytes whole"},
+    {"the byte after it",                             160, 160, "64bytes whole"     },
+    {"the last byte of the block",                    202, 202, "last whole"        },
 };
 
 static void testRanges(void)
@@ -264,7 +294,8 @@ static void testRanges(void)
     int passes = 0;
     size_t i;
 
-    testOk(plcScanCount(range.scan) == NUM_RANGES, "all records of the block are I/O Intr");
+    testOk(plcScanCount(range.scan) == NUM_RANGES,
+           "all records of the block are I/O Intr");
     for (i = 0; i < sizeof(changes) / sizeof(changes[0]); i++) {
         int merged;
 
@@ -274,7 +305,8 @@ static void testRanges(void)
             after[changes[i].last] ^= 0x01;
         rememberRanges();
         merged = plcScanRequestChanged(range.scan, before, after);
-        testOk(!merged && waitPasses(&range, ++passes) && onlyProcessed(changes[i].records),
+        testOk(!merged && waitPasses(&range, ++passes) &&
+                   onlyProcessed(changes[i].records),
                "%s processes %s", changes[i].what, changes[i].records);
         memcpy(before, after, BLOCK);
     }
@@ -295,7 +327,7 @@ static void testRanges(void)
 static void testUnion(void)
 {
     char blocks[4][BLOCK];
-    int passes = range.passes;
+    int passes = passesOf(&range);
 
     memset(blocks, 0, sizeof(blocks));
     blocks[1][0] = 1;
@@ -336,7 +368,7 @@ static void testUnion(void)
     record("r:whole")->val++;
 }
 
-/* --- A callback queue that is full --------------------------------------------------------- */
+/* --- A callback queue that is full -------------------------------------------------- */
 
 #define QUEUE 10
 
@@ -392,11 +424,8 @@ static void fillQueue(int prio)
 static void testQueueFull(void)
 {
     static const char block[BLOCK] = "";
-    int passes = range.passes;
+    int passes = passesOf(&range);
 
-    hangs = epicsEventMustCreate(epicsEventEmpty);
-    goOn = epicsEventMustCreate(epicsEventEmpty);
-    marked = epicsEventMustCreate(epicsEventEmpty);
     rememberRanges();
     fillQueue(priorityLow);
     testOk(plcScanRequestAll(range.scan) == 0, "a request while the LOW queue is full");
@@ -404,28 +433,26 @@ static void testQueueFull(void)
     waitQueue(priorityHigh);
     testOk(onlyProcessed("1 4b 6x4 wide"), "the HIGH and MEDIUM records were processed");
     testOk(!plcScanBusy(range.scan), "nothing hangs");
-    testOk(range.passes == passes, "done() was not called: the pass is not over");
+    testOk(passesOf(&range) == passes, "done() was not called: the pass is not over");
     testOk(plcScanRequestChanged(range.scan, block, block) == 1,
            "what could not be queued is waiting");
     testOk(!plcScanBusy(range.scan), "the queue is still full");
     epicsEventMustTrigger(goOn);
-    while (range.passes == passes) { /* the queue is open again soon */
+    while (passesOf(&range) == passes) { /* the queue is open again soon */
         waitQueue(priorityMedium);
         plcScanRequestChanged(range.scan, block, block);
     }
     testOk(waitPasses(&range, passes + 1), "the next request ends it");
     testOk(onlyProcessed(EVERYONE), "with the LOW records only");
-    testOk(plcScanRequestChanged(range.scan, block, block) == 0, "nothing waits any more");
-    epicsEventDestroy(hangs);
-    epicsEventDestroy(goOn);
-    epicsEventDestroy(marked);
+    testOk(plcScanRequestChanged(range.scan, block, block) == 0,
+           "nothing waits any more");
 }
 
-/* --- Records come and go --------------------------------------------------------------------- */
+/* --- Records come and go ------------------------------------------------------------ */
 
 static void testJoin(void)
 {
-    int passes = all.passes;
+    int passes = passesOf(&all);
 
     testdbPutFieldOk("all:passive.SCAN", DBR_STRING, "I/O Intr");
     testOk(plcScanCount(all.scan) == 5, "a record joins at run time");
@@ -443,14 +470,22 @@ static void testJoin(void)
     testdbPutFieldOk("all:medium.SCAN", DBR_STRING, "Passive");
     testOk(plcScanCount(all.scan) == 1, "records leave");
     plcScanRequestAll(all.scan);
-    testOk(waitPasses(&all, passes + 3) && record("all:low")->val == record("all:medium")->val,
+    testOk(waitPasses(&all, passes + 3) &&
+               record("all:low")->val == record("all:medium")->val,
            "a pass of one priority is over too");
     testdbPutFieldOk("all:high.SCAN", DBR_STRING, "Passive");
     testOk(plcScanRequestAll(all.scan) == 0 && plcScanRequestAll(all.scan) == 0 &&
-               !plcScanBusy(all.scan) && all.passes == passes + 3,
+               !plcScanBusy(all.scan) && passesOf(&all) == passes + 3,
            "without records requests are over at once, without done()");
     plcScanJoin(all.scan, 0, 1, priorityLow, 1);
     testOk(plcScanCount(all.scan) == 0, "to leave twice does no harm");
+    /* Base frees only what is in a list at the end */
+    testdbPutFieldOk("all:passive.SCAN", DBR_STRING, "I/O Intr");
+    testdbPutFieldOk("all:low.SCAN", DBR_STRING, "I/O Intr");
+    testdbPutFieldOk("all:low2.SCAN", DBR_STRING, "I/O Intr");
+    testdbPutFieldOk("all:medium.SCAN", DBR_STRING, "I/O Intr");
+    testdbPutFieldOk("all:high.SCAN", DBR_STRING, "I/O Intr");
+    testOk(plcScanCount(all.scan) == 5, "all records join again");
 }
 
 static void testEmpty(void)
@@ -458,7 +493,8 @@ static void testEmpty(void)
     plcScan *scan = plcScanCreate(0, NULL, NULL);
 
     plcScanByRange(scan, 1);
-    testOk(plcScanRequestAll(scan) == 0 && !plcScanBusy(scan), "a block of 0 bytes has no pass");
+    testOk(plcScanRequestAll(scan) == 0 && !plcScanBusy(scan),
+           "a block of 0 bytes has no pass");
     plcScanJoin(scan, 0, 4, priorityLow, 0);
     testOk(plcScanRequestChanged(scan, "", "") == 0 && !plcScanBusy(scan),
            "and never changes");
@@ -471,13 +507,11 @@ static void testEmpty(void)
 static void testMany(void)
 {
     static char before[2 * MANY], after[2 * MANY];
-    probe many = {"many", NULL, NULL, 0, 0};
+    probe many;
     IOSCANPVT first, lists[4];
     size_t i;
 
-    many.over = epicsEventMustCreate(epicsEventEmpty);
-    many.scan = plcScanCreate(sizeof(before), done, &many);
-    plcScanByRange(many.scan, 1);
+    create(&many, sizeof(before), 1);
     first = plcScanJoin(many.scan, 0, 2, priorityLow, 0);
     for (i = 1; i < MANY; i++)
         lists[i % 4] = plcScanJoin(many.scan, 2 * i, 2, (int)(i % 3), 0);
@@ -491,25 +525,14 @@ static void testMany(void)
         memcpy(before, after, sizeof(before));
         waitPasses(&many, (int)i + 1);
     }
-    testOk(many.passes == 10, "a change in one of them makes a pass");
-    plcScanDestroy(many.scan);
-    epicsEventDestroy(many.over);
+    testOk(passesOf(&many) == 10, "a change in one of them makes a pass");
+    waitQueue(priorityLow);
+    waitQueue(priorityMedium);
+    waitQueue(priorityHigh);
+    destroy(&many);
 }
 
-/* --- All together ------------------------------------------------------------------------------ */
-
-static void create(probe *p, int byRange)
-{
-    p->over = epicsEventMustCreate(epicsEventEmpty);
-    p->scan = plcScanCreate(BLOCK, done, p);
-    plcScanByRange(p->scan, byRange);
-}
-
-static void destroy(probe *p)
-{
-    plcScanDestroy(p->scan);
-    epicsEventDestroy(p->over);
-}
+/* --- All together ------------------------------------------------------------------- */
 
 static void startIoc(void)
 {
@@ -520,8 +543,11 @@ static void startIoc(void)
     testdbReadDatabase("scanTest.db", NULL, NULL);
     gateReached = epicsEventMustCreate(epicsEventEmpty);
     gateOpen = epicsEventMustCreate(epicsEventEmpty);
-    create(&all, 0);
-    create(&range, 1);
+    hangs = epicsEventMustCreate(epicsEventEmpty);
+    goOn = epicsEventMustCreate(epicsEventEmpty);
+    marked = epicsEventMustCreate(epicsEventEmpty);
+    create(&all, BLOCK, 0);
+    create(&range, BLOCK, 1);
 }
 
 static void stopIoc(void)
@@ -534,11 +560,14 @@ static void stopIoc(void)
     destroy(&range);
     epicsEventDestroy(gateReached);
     epicsEventDestroy(gateOpen);
+    epicsEventDestroy(hangs);
+    epicsEventDestroy(goOn);
+    epicsEventDestroy(marked);
 }
 
 MAIN(scanTest)
 {
-    testPlan(2 + 8 + 8 + 17 + 9 + 9 + 15 + 2 + 4 + 1);
+    testPlan(2 + 8 + 8 + 17 + 9 + 9 + 21 + 2 + 4 + 1);
     startIoc();
     testBeforeInit();
     eltc(0); /* no messages of full queues */
