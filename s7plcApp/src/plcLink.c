@@ -450,7 +450,7 @@ static void defaultLimits(const plcType *type, epicsInt64 *low, epicsInt64 *high
 static int completeLimits(plcLink *link, const plcShape *shape, plcLinkError *error)
 {
     const plcType *type = link->type;
-    int matters = (shape->options & (plcHasL | plcHasH)) != 0;
+    int matters = shape->options & plcHasL && shape->options & plcHasH;
     epicsInt64 low, high;
 
     defaultLimits(type, &low, &high);
@@ -477,7 +477,7 @@ static int completeLimits(plcLink *link, const plcShape *shape, plcLinkError *er
     return 0;
 }
 
-/* L of a string: its length in bytes, at most that of the record. */
+/* L of a string: its length in bytes. */
 static int completeString(plcLink *link, size_t length, plcLinkError *error)
 {
     if (link->low < 0 || (link->low == 0 && length == 0))
@@ -486,12 +486,6 @@ static int completeString(plcLink *link, size_t length, plcLinkError *error)
                     (long long)link->low);
     if (link->low == 0)
         link->low = (epicsInt64)length;
-    if (length && link->low > (epicsInt64)length) {
-        warn(error, link->column.L,
-             "L=%lld is cut to %lu, the bytes that the record holds",
-             (long long)link->low, (unsigned long)length);
-        link->low = (epicsInt64)length;
-    }
     return 0;
 }
 

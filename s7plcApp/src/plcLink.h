@@ -61,8 +61,10 @@ typedef struct plcShape {
 } plcShape;
 
 /* Fills in the defaults (type, L, H) and checks type, limits and bit against the shape.
- * `length` is the number of bytes of the record's own string or array, the default and
- * largest L of T=STRING (0: none). Returns as plcLinkParse; its warning is not kept.
+ * `length` is the number of bytes of the record's own string or array, the default L of
+ * T=STRING (0: none); a longer L is kept as given. Returns as plcLinkParse, with a
+ * warning of its own: that of plcLinkParse is overwritten.
+ *
  * L and H are taken exactly as given, but H without L means L=0, and L=0 H=0 the limits
  * of the type, as with s7plc. L may be below the type, with a warning: it is a point of
  * the LINEAR scale then, and what is written must be cut to the type by the caller. */

@@ -375,6 +375,7 @@ static const plcShape bi = {"bi", plcInteger, 8, plcHasB, "INT16"};
 static const plcShape longin = {"longin", plcInteger, 4, 0, "INT16"};
 static const plcShape int64in = {"int64in", plcInteger, 8, LH, "INT16"};
 static const plcShape stringin = {"stringin", plcString, 8, plcHasL, "STRING"};
+static const plcShape aao = {"aao", plcInteger, 2, plcHasL | plcHasR, "INT8"};
 static const plcShape chars = {"waveform", plcInteger | plcString | plcBcd, 1, 0,
                                "UINT8"};
 
@@ -417,13 +418,13 @@ static const struct {
     {&longin,   0,  "L=10 H=1",                   "INT16",  10,                     1,                     ""},
     {&longin,   0,  "L=-40000",                   "INT16",  -40000,                 32767,                 ""},
     {&int64in,  0,  "T=INT64",                    "INT64",  -9223372036854775807LL, 9223372036854775807LL, ""},
+    {&aao,      8,  "L=200",                      "INT8",   200,                    127,                   ""},
     {&stringin, 40, "",                           "STRING", 40,                     0,                     ""},
     {&stringin, 40, "L=4",                        "STRING", 4,                      0,                     ""},
     {&stringin, 40, "T=STRING L=40",              "STRING", 40,                     0,                     ""},
     {&stringin, 40, "L=0",                        "STRING", 40,                     0,                     ""},
     {&stringin, 40, "B=16",                       "STRING", 40,                     0,                     ""},
-    {&stringin, 40, "L=1000",                     "STRING", 40,                     0,
-     "L=1000 is cut to 40, the bytes that the record holds"                                                  },
+    {&stringin, 40, "L=1000",                     "STRING", 1000,                   0,                     ""},
     {&chars,    8,  "",                           "UINT8",  0,                      255,                   ""},
     {&chars,    8,  "T=TIME",                     "TIME",   0,                      0,                     ""},
     {&chars,    8,  "T=STRING",                   "STRING", 8,                      0,                     ""},
