@@ -21,6 +21,7 @@ struct plcImage {
     epicsTimeStamp stamp;
     int valid;
     int dirty;
+    int closed; /* writes are refused */
     char reason[PLC_REASON_SIZE]; /* "" when valid */
 };
 
@@ -111,6 +112,10 @@ int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src
     size_t i;
 
     epicsMutexMustLock(image->lock);
+    if (image->closed) {
+        epicsMutexUnlock(image->lock);
+        return -1;
+    }
     to = image->bytes + offset;
     if (!mask && length)
         memcpy(to, from, length);
@@ -120,6 +125,13 @@ int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src
     image->dirty = 1;
     epicsMutexUnlock(image->lock);
     return first;
+}
+
+void plcImageClose(plcImage *image, int closed)
+{
+    epicsMutexMustLock(image->lock);
+    image->closed = closed;
+    epicsMutexUnlock(image->lock);
 }
 
 int plcImageDirty(plcImage *image)

@@ -48,9 +48,13 @@ void plcImageInvalidate(plcImage *image, const char *reason);
 /* --- Output: records write, the station takes --------------------------------------- */
 
 /* Writes `length` bytes at `offset`, only the bits that are set in `mask` (NULL: all).
- * Returns 1 when this is the first write since plcImageTake, else 0. */
+ * Returns 1 when this is the first write since plcImageTake, else 0; or -1 when the image is
+ * closed: then nothing was written. */
 int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src,
                   const void *mask);
+
+/* Closes the image for writes, or opens it: no write is under way when this returns. */
+void plcImageClose(plcImage *image, int closed);
 
 /* True when something was written since the last plcImageTake. */
 int plcImageDirty(plcImage *image);

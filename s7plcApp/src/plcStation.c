@@ -285,23 +285,36 @@ static void copyReason(plcStation *s, char reason[PLC_REASON_SIZE])
     epicsMutexUnlock(s->lock);
 }
 
+void plcStationGate(plcStation *s)
+{
+    const char *why = "";
+
+    epicsMutexMustLock(s->lock);
+    if (s->options.offlineWrites == plcOfflineReject && !epicsAtomicGetIntT(&s->leads))
+        why = s->reason;
+    epicsSnprintf(s->refusal, sizeof(s->refusal), "%s", why);
+    plcImageClose(s->out, s->refusal[0] != 0);
+    epicsMutexUnlock(s->lock);
+}
+
 int plcStationWrite(plcStation *s, size_t offset, size_t length, const void *data,
                     const void *mask, char reason[PLC_REASON_SIZE])
 {
-    int away = !epicsAtomicGetIntT(&s->leads);
+    int status = plcImageWrite(s->out, offset, length, data, mask);
 
     reason[0] = 0;
-    if (away)
-        copyReason(s, reason);
-    if (away && epicsAtomicGetIntT(&s->reject)) {
+    if (status < 0) {
         epicsMutexMustLock(s->lock);
         s->stats.refusedWrites++;
+        memcpy(reason, s->refusal, PLC_REASON_SIZE);
         epicsMutexUnlock(s->lock);
         return -1;
     }
     epicsAtomicSetIntT(&s->written, 1);
-    if (plcImageWrite(s->out, offset, length, data, mask))
+    if (status > 0)
         plcStationWake(s);
+    if (!epicsAtomicGetIntT(&s->leads))
+        copyReason(s, reason);
     return 0;
 }
 
@@ -433,7 +446,7 @@ int plcStationSetOption(plcStation *s, const char *key, const char *value, char 
     s->options = options;
     s->optionsChanged = 1;
     epicsMutexUnlock(s->lock);
-    epicsAtomicSetIntT(&s->reject, options.offlineWrites == plcOfflineReject);
+    plcStationGate(s);
     plcStationWake(s);
     return 0;
 }

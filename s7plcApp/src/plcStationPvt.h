@@ -4,8 +4,7 @@
  *   - What the thread owns (links, timers, leader): only the thread touches it.
  *   - What others ask for (options, stats, address, error text): guarded by `lock`, held
  *     only to copy; never across a system call, errlog, a scan request or another lock.
- * Order: record lock, then an image's or a scan's own lock or station lock; never two of
- * the last three at once.
+ * Order: record lock, then station lock, then the lock of an image or a scan list.
  */
 #ifndef INC_plcStationPvt_H
 #define INC_plcStationPvt_H
@@ -66,10 +65,10 @@ struct plcStation {
     int plus[PLC_LINKS_MAX];
     int port[PLC_LINKS_MAX];
     int moved;   /* an address or a port is new */
-    char reason[PLC_REASON_SIZE]; /* why not connected */
+    char reason[PLC_REASON_SIZE];  /* why not connected */
+    char refusal[PLC_REASON_SIZE]; /* why puts are refused, "": they are not */
                        /* ... to here */
     int leads;   /* atomic: a line leads, or another is about to; for record threads */
-    int reject;  /* atomic: offlineWrites=reject */
     int waiting; /* atomic: the thread waits for the end of a scan pass */
 
     /* owned by the thread */
@@ -98,6 +97,10 @@ struct plcStation {
 
 /* The thread's main function. */
 void plcStationThread(void *arg);
+
+/* Opens or closes the output image for puts, after anything changed that matters to it.
+ * Any thread. */
+void plcStationGate(plcStation *station);
 
 /* Makes the thread look around. Any thread, also with locks held. */
 void plcStationWake(void *station);

@@ -76,6 +76,7 @@ static int isPair(plcStation *s)
 static void setLeads(plcStation *s)
 {
     epicsAtomicSetIntT(&s->leads, s->leader >= 0 || (isPair(s) && s->valid));
+    plcStationGate(s);
 }
 
 static void setState(plcStation *s, int state)
@@ -252,6 +253,7 @@ static void setReason(plcStation *s, const char *reason)
     epicsSnprintf(s->reason, sizeof(s->reason), "%s", reason);
     epicsSnprintf(s->stats.lastError, sizeof(s->stats.lastError), "%s", reason);
     epicsMutexUnlock(s->lock);
+    plcStationGate(s);
 }
 
 static void lineLost(plcStation *s, unsigned i, epicsUInt64 now, const char *why);
