@@ -111,16 +111,16 @@ static int findStation(devRecord *dev, const plcLink *link, plcLinkError *error)
                    names[0] ? names : "none (s7plcConfigure comes before iocInit)");
 }
 
-/* Refuses a value that does not lie in the block. */
+/* Refuses a value that does not lie in the block, "in" or "out". */
 static int checkPlace(size_t offset, size_t length, size_t size, const char *block,
                       size_t column, plcLinkError *error)
 {
     if (offset <= size && length <= size - offset)
         return 0;
     if (size == 0)
-        return devFail(error, column, "%s size is 0; configure the PLC with its size",
+        return devFail(error, column, "the PLC has no %sput block; %sSize is 0", block,
                        block);
-    return devFail(error, column, "%lu + %lu bytes exceed the %s; %sSize is %lu",
+    return devFail(error, column, "%lu + %lu bytes exceed the %sput block; %sSize is %lu",
                    (unsigned long)offset, (unsigned long)length, block, block,
                    (unsigned long)size);
 }
@@ -166,6 +166,13 @@ static int place(dbCommon *prec, devRecord *dev, const plcLink *link, size_t roo
     return 0;
 }
 
+/* A link that is accepted, but looks like a mistake. */
+static void warn(dbCommon *prec, const plcLinkError *doubt)
+{
+    if (doubt->text[0])
+        devWarn(prec, "%s: %s", supportOf(prec)->field, doubt->text);
+}
+
 static int resolve(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *error)
 {
     const devSupport *support = supportOf(prec);
@@ -175,8 +182,7 @@ static int resolve(dbCommon *prec, devRecord *dev, const char *text, plcLinkErro
 
     if (plcLinkParse(text, &link, error))
         return -1;
-    if (error->text[0])
-        devWarn(prec, "%s: %s", support->field, error->text);
+    warn(prec, error);
     if (findStation(dev, &link, error))
         return -1;
     if (support->direction == devStatus)
@@ -185,6 +191,7 @@ static int resolve(dbCommon *prec, devRecord *dev, const char *text, plcLinkErro
         return -1;
     if (plcLinkComplete(&link, &shape, room, error))
         return -1;
+    warn(prec, error);
     return place(prec, dev, &link, room, error);
 }
 
@@ -245,12 +252,12 @@ static dsxt extension = {addRecord, delRecord};
 
 long devInit(int after)
 {
-    running = after;
-    if (after)
-        return 0;
-    if (!neverScan)
+    /* after an IOC that has ended (unit tests) its scan lists are gone */
+    if (!after && (running || !neverScan))
         scanIoInit(&neverScan);
-    devExtend(&extension);
+    if (!after)
+        devExtend(&extension);
+    running = after;
     return 0;
 }
 

@@ -110,7 +110,8 @@ void makeRecord(const char *type, const char *name, const char *fields)
         next = strchr(field, '|');
         if (next)
             *next++ = 0;
-        setField(&entry, name, field);
+        if (*field)
+            setField(&entry, name, field);
     }
     dbFinishEntry(&entry);
     free(copy);
