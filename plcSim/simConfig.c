@@ -356,9 +356,12 @@ int simConfigRead(simConfig *config, const char *file)
     }
     text = callocMustSucceed(1, MAX_FILE + 1, "simConfigRead");
     length = fread(text, 1, MAX_FILE, fp);
-    text[length] = 0;
+    errors = ferror(fp) || length == MAX_FILE || memchr(text, 0, length);
     fclose(fp);
-    errors = simConfigReadText(config, file, text, &messages);
+    if (errors)
+        simTextAdd(&messages, "plcSim: %s is no text file of less than 1 MiB\n", file);
+    else
+        errors = simConfigReadText(config, file, text, &messages);
     free(text);
     if (messages.text)
         fputs(messages.text, stderr);

@@ -92,6 +92,8 @@ void simComplain(const char *name, const char *format, ...)
 {
     va_list args;
 
+    if (isQuiet > 1)
+        return;
     va_start(args, format);
     logLine(name, format, args);
     va_end(args);

@@ -9,7 +9,7 @@
 #include <stddef.h>
 #include <compilerDependencies.h>
 
-/* Only lines of simSay() and simComplain() are printed when quiet. */
+/* 0 prints everything, 1 only lines of simSay() and simComplain(), 2 (for tests) nothing. */
 void simLogQuiet(int quiet);
 
 /* "2026-11-23 11:52:49.123 <name>: <text>", one line. */

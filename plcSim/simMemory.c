@@ -324,7 +324,9 @@ int simPlaceParse(const simMemory *mem, const char *text, simBlock *byDefault,
     place->bit = -1;
     if (isdigit((unsigned char)text[0])) {
         place->block = byDefault;
-        if (!byDefault || offsetAndBit(text, place))
+        if (!byDefault)
+            return fail(error, "\"%.60s\" needs a block in front, such as in.%.20s", text, text);
+        if (offsetAndBit(text, place))
             return fail(error, "\"%.60s\" is no address: %s", text, allowed);
     } else if (placeInArea(mem, text, place)) {
         if (!place->block)

@@ -67,6 +67,12 @@ static int isHeard(const simPair *pair)
            simNow() - pair->heardTime < pair->switchover / 2;
 }
 
+/* Also in the moment before watchPower() has seen it: its memory is cleared by then. */
+static int isOff(const simPair *pair)
+{
+    return pair->off || pair->plc->off;
+}
+
 /* ---- messages out ---- */
 
 static epicsUInt64 doubleBits(double value)
@@ -89,7 +95,7 @@ static void sendState(simPair *pair)
 {
     epicsUInt8 m[STATE_SIZE];
 
-    if (pair->split || pair->off)
+    if (pair->split || isOff(pair))
         return;
     share(pair); /* a state from the PRIMARY says: you have all of my memory */
     m[0] = 'S';
@@ -135,7 +141,7 @@ static void share(simPair *pair)
 {
     size_t i;
 
-    if (!pair->isPrimary || pair->split || pair->off || !simFibreIsUp(&pair->fibre))
+    if (!pair->isPrimary || pair->split || isOff(pair) || !simFibreIsUp(&pair->fibre))
         return;
     for (i = 0; i < pair->shadowCount; i++)
         sendBlock(pair, i);
@@ -275,7 +281,7 @@ static void onMessage(void *owner, const epicsUInt8 *m, size_t size)
 {
     simPair *pair = owner;
 
-    if (pair->split || pair->off)
+    if (pair->split || isOff(pair))
         return;
     if (m[0] == 'S' && size == STATE_SIZE)
         takeState(pair, m);

@@ -45,6 +45,8 @@ static int addSignal(simPlc *plc, char **words, size_t count, char error[SIM_ERR
 {
     simSignal signal;
 
+    if (!plc->tx && words[0] && words[0][0] >= '0' && words[0][0] <= '9')
+        return fail(error, "a signal at %.40s needs a block to the IOC, but in = 0", words[0]);
     if (simSignalParse(&plc->memory, plc->tx, words, count, &signal, error))
         return -1;
     plc->signals = grow(plc->signals, plc->signalCount, sizeof(simSignal));

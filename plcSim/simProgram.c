@@ -252,9 +252,9 @@ static void notePointers(simProgram *program, simTransfers *t, unsigned retVal, 
     t->retVal = retVal;
     t->badEntry = entry;
     if (retVal)
-        simComplain(program->name, "%s: entry %lu of %s refused, RET_VAL W#16#%04X: %s of the %s",
-                    who, (unsigned long)entry, table, retVal, retValText(retVal),
-                    (retVal & 0xf00) == 0x100 ? "source" : "destination");
+        simComplain(program->name, "%s: entry %lu of %s refused, RET_VAL W#16#%04X: %s: %s", who,
+                    (unsigned long)entry, table, retVal,
+                    (retVal & 0xf00) == 0x100 ? "source" : "destination", retValText(retVal));
     else
         simLog(program->name, "%s: all pointers of %s are good", who, table);
 }
@@ -363,7 +363,14 @@ static int compareMove(simProgram *program, const move *m, void *arg)
     (void)arg;
     if (equal)
         return 0;
-    while (m->fromBit < 0 && m->from[i] == m->to[i])
+    if (m->fromBit >= 0) {
+        snprintf(program->difference, sizeof(program->difference),
+                 "byte %lu bit %d of IE_RX is %d, the PLC has %d",
+                 (unsigned long)(m->from - program->rx->bytes), m->fromBit,
+                 getBit(m->from, m->fromBit), getBit(m->to, m->toBit));
+        return 1;
+    }
+    while (m->from[i] == m->to[i])
         i++;
     snprintf(program->difference, sizeof(program->difference),
              "byte %lu of IE_RX is 0x%02x, the PLC has 0x%02x",
