@@ -82,13 +82,15 @@ static void lead(pairRole *r, unsigned which, pairReason reason, epicsUInt64 sil
     forgetClaims(r);
 }
 
+/* Learns the period of a PLC. The time in which it was the BACKUP is no interval. */
 static void noteInterval(pairRole *r, unsigned which, epicsUInt64 now)
 {
     pairMember *m = &r->plc[which];
+    int leads = r->leader == (pairWho)which;
 
-    if (m->lastBlock && (pairWho)which != r->leader && now > quietAt(r, which))
-        m->intervals = m->refuted = 0;
-    else if (m->lastBlock)
+    if (m->lastBlock && !leads && now > quietAt(r, which))
+        m->refuted = 0;
+    if (m->lastBlock && (leads || now - m->lastBlock <= patience(r, which, 2)))
         m->interval[m->intervals++ % PAIR_INTERVALS] = now - m->lastBlock;
     m->lastBlock = now;
 }

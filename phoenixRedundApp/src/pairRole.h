@@ -38,7 +38,7 @@ typedef struct pairMember {
     int connected;
     epicsUInt64 lastBlock; /* monotonic ns; 0: none on this connection */
     epicsUInt64 interval[PAIR_INTERVALS]; /* ns from block to block, a ring */
-    unsigned intervals;    /* how many were put in since it was quiet */
+    unsigned intervals;    /* how many were put in */
     int claims;            /* it has sent since the PRIMARY's last block */
     int refuted;           /* the PRIMARY has sent since it claimed */
 } pairMember;

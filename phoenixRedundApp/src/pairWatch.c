@@ -64,19 +64,6 @@ struct pairWatch {
 
 /* --- Ways to ask ------------------------------------------------------------------------ */
 
-static int openSocket(int type)
-{
-    int s = socket(AF_INET, type | SOCK_NONBLOCK | SOCK_CLOEXEC, IPPROTO_ICMP);
-
-#ifdef ICMP_FILTER
-    if (s >= 0 && type == SOCK_RAW) {
-        struct icmp_filter filter = {~(1u << ICMP_ECHOREPLY)};
-        (void)setsockopt(s, SOL_RAW, ICMP_FILTER, &filter, sizeof(filter));
-    }
-#endif
-    return s;
-}
-
 /* The first way of those wanted that this machine allows. */
 static void chooseWay(pairWatch *w)
 {
@@ -88,7 +75,8 @@ static void chooseWay(pairWatch *w)
     for (i = 0; i < 2; i++) {
         if (!(w->ways & sockets[i].way))
             continue;
-        w->socket = openSocket(sockets[i].type);
+        w->socket = socket(AF_INET, sockets[i].type | SOCK_NONBLOCK | SOCK_CLOEXEC,
+                           IPPROTO_ICMP);
         if (w->socket >= 0) {
             epicsAtomicSetIntT(&w->way, sockets[i].way);
             return;
@@ -98,12 +86,15 @@ static void chooseWay(pairWatch *w)
 }
 
 /* The Internet checksum: the one's complement of the one's complement sum. */
-static epicsUInt16 checksum(const epicsUInt16 *words, size_t count)
+static epicsUInt16 checksum(const struct icmphdr *header)
 {
+    epicsUInt16 words[sizeof(*header) / 2];
     epicsUInt32 sum = 0;
+    size_t i;
 
-    while (count--)
-        sum += *words++;
+    memcpy(words, header, sizeof(words));
+    for (i = 0; i < sizeof(words) / sizeof(words[0]); i++)
+        sum += words[i];
     sum = (sum >> 16) + (sum & 0xffff);
     return (epicsUInt16)~(sum + (sum >> 16));
 }
@@ -116,7 +107,7 @@ static void sendEcho(pairWatch *w, unsigned which)
     /* The kernel puts its own id into those of a datagram socket. */
     echo.un.echo.id = htons(w->id);
     echo.un.echo.sequence = htons(++w->sequence);
-    echo.checksum = checksum((const epicsUInt16 *)&echo, sizeof(echo) / 2);
+    echo.checksum = checksum(&echo);
     /* "no route" is no answer */
     (void)!sendto(w->socket, &echo, sizeof(echo), MSG_NOSIGNAL, (struct sockaddr *)&to,
                   sizeof(to));
