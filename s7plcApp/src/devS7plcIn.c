@@ -52,10 +52,11 @@ static int prepareAi(dbCommon *common, devRecord *dev, const plcLink *link,
     return (int)linconv((aiRecord *)common, dev);
 }
 
-/* The smoothing filter of the ai record, for values that do not go through RVAL. */
+/* The smoothing filter of the ai record, for values that do not go through RVAL. There is
+ * nothing to smooth with while VAL is undefined. */
 static void smoothAi(aiRecord *prec, double value)
 {
-    if (prec->smoo != 0.0 && finite(prec->val) && !prec->init)
+    if (prec->smoo != 0.0 && finite(prec->val) && !prec->udf)
         value = value * (1.0 - prec->smoo) + prec->val * prec->smoo;
     prec->val = value;
 }
@@ -98,6 +99,8 @@ static long readAi(dbCommon *common)
         return readAiReal(prec, plcGetReal(dev->type, bytes, dev->bigEndian));
     raw = plcGetInt(dev->type, bytes, dev->bigEndian);
     prec->rval = (epicsInt32)raw;
+    if (prec->udf)
+        prec->init = TRUE; /* the record does not smooth its first value */
     if (raw <= INT32_HIGHEST)
         return 0;
     convertAi(prec, (double)raw);

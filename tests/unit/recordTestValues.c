@@ -343,6 +343,9 @@ static void testOutput(plcStation *station, size_t i)
 
 static void testSteps(plcStation *station, epicsUInt8 *block)
 {
+    put("smoothInt.PROC", "1");
+    isValue("smoothInt", "10", "ai integer takes the first value after PINI without "
+            "smoothing");
     put("smooth.PROC", "1");
     isValue("smooth", "21", "ai float takes the first value without smoothing");
     unhex("42c80000", block);
@@ -371,8 +374,10 @@ static void testSteps(plcStation *station, epicsUInt8 *block)
 static void makeSteps(epicsUInt8 *block)
 {
     unhex("41200000", block);
-    makeRecord("ai", "smooth", "INP=@S/0 T=FLOAT|SMOO=0.5|ASLO=2|AOFF=1");
+    makeRecord("ai", "smooth", "INP=@S/0 T=FLOAT|SMOO=0.5|ASLO=2|AOFF=1|PINI=YES");
     unhex("00000032", block + 4);
+    unhex("000a", block + 8);
+    makeRecord("ai", "smoothInt", "INP=@S/8|SMOO=0.5|PINI=YES");
     makeRecord("ai", "linear", "INP=@S/4 T=DWORD L=0 H=100|EGUL=0|EGUF=100");
     makeRecord("aao", "array", "OUT=@S/0|FTVL=SHORT|NELM=3");
     makeRecord("ao", "keep", "OUT=@S/40|VAL=7");
@@ -386,7 +391,7 @@ MAIN(recordTestValues)
     plcStation *station, *stepStation;
     size_t i;
 
-    testPlan(INPUTS + OUTPUTS + 10);
+    testPlan(INPUTS + OUTPUTS + 11);
     iocBegin();
     station = makeStation("P", 1, sizeof(block), OUTPUTS * SLOT);
     stepStation = makeStation("S", 1, sizeof(steps), 64);
