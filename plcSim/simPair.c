@@ -147,10 +147,10 @@ static void share(simPair *pair)
         sendBlock(pair, i);
 }
 
-/* The PLC took a block from the IOC: it must survive this PLC. */
+/* The PLC took a block from the IOC or sent one: both must survive this PLC. */
 static void onChanged(void *arg)
 {
-    share(arg);
+    sendState(arg);
 }
 
 /* ---- the role ---- */

@@ -1,0 +1,398 @@
+"""plcSim seen from the other end of the wire, by plain sockets: without it nothing else holds."""
+import select
+import socket
+import struct
+
+import pytest
+
+from waiting import LIMIT, until, until_equal
+
+PLAIN = """
+in = 32
+out = 16
+period = 10 ms
+signal 0 UINT32 counter
+mirror 0 16 -> 16
+"""
+SYNC = """
+in = 16
+out = 16
+period = 10 ms
+sync = on
+layout = 0x1234
+watchdog = 10 min
+db 10 16
+init DB10.DBD0 77
+tx P#DB10.DBX0.0 DWORD 2 -> 4
+rx 4 -> P#DB10.DBX0.0 DWORD 2
+"""
+PAIR = PLAIN + """
+address = 127.0.0.2
+db 10 16
+"""
+
+
+class Client:
+    """Reads and writes blocks, as an IOC does."""
+
+    def __init__(self, port, host="127.0.0.1", size=32):
+        self.size = size
+        self.socket = socket.create_connection((host, port), LIMIT)
+        self.socket.settimeout(LIMIT)
+
+    def read(self, size=None):
+        size = size or self.size
+        data = b""
+        while len(data) < size:
+            piece = self.socket.recv(size - len(data))
+            if not piece:
+                raise EOFError(f"{len(data)} bytes of {size}")
+            data += piece
+        return data
+
+    def write(self, data):
+        self.socket.sendall(data)
+
+    def quiet(self, seconds):
+        return not select.select([self.socket], [], [], seconds)[0]
+
+    def close(self):
+        self.socket.close()
+
+
+@pytest.fixture
+def connect(closing):
+    def make(*args, **kw):
+        client = Client(*args, **kw)
+        closing(client)
+        return client
+    return make
+
+
+def counter(block):
+    return struct.unpack(">I", block[:4])[0]
+
+
+def status(sim, word, plc=""):
+    """The line of `status` that begins with a word."""
+    lines = sim.command(f"{plc} status".strip()).splitlines()
+    return next(line for line in lines if line.startswith(word))
+
+
+def read_until(client, condition):
+    until(lambda: condition(client.read()), "a block that fits")
+
+
+def test_mirror(new_sim, connect):
+    """What the PLC receives comes back in the next block"""
+    sim = new_sim(PLAIN)
+    client = connect(sim.port)
+    client.write(bytes(range(16)))
+    read_until(client, lambda block: block[16:] == bytes(range(16)))
+    assert sim.command("received").splitlines()[-1].endswith(bytes(range(16)).hex(" "))
+
+
+@pytest.mark.parametrize("fault", ["fragment 1", "fragment 5 2", "fragment 31", "delay 30", "flood"])
+def test_framing(new_sim, connect, fault):
+    """With {fault} no block is lost, doubled or torn"""
+    sim = new_sim(PLAIN, "-o", "period=40 ms")
+    client = connect(sim.port)
+    sim.command(fault)
+    blocks = [counter(client.read()) for _ in range(20)]
+    assert blocks == list(range(blocks[0], blocks[0] + 20))
+
+
+def test_slow_reader(new_sim, connect):
+    """A client that does not read holds up nobody, and then finds whole blocks"""
+    sim = new_sim(PLAIN)
+    client = connect(sim.port)
+    sim.command("flood")
+
+    def stands():
+        sent = status(sim, "sent")
+        return client.quiet(0) is False and sent == status(sim, "sent")
+    until(stands, "the socket is full")
+    sim.command("flood off")
+    last = counter(client.read())
+    for _ in range(2000):
+        number = counter(client.read())
+        assert number == last + 1
+        last = number
+
+
+def test_truncate(new_sim, connect):
+    """truncate 12 sends blocks of 12 bytes, truncate 40 fills up with zeros"""
+    sim = new_sim(PLAIN)
+    client = connect(sim.port, size=12)
+    client.read(32)
+    sim.command("silence")
+    until(lambda: client.quiet(0) or not client.socket.recv(65536), "quiet")
+    sim.command("truncate 12")
+    sim.command("silence off")
+    first = counter(client.read())
+    assert counter(client.read()) == first + 1
+    sim.command("silence")
+    until(lambda: client.quiet(0) or not client.socket.recv(65536), "quiet")
+    sim.command("truncate 40")
+    sim.command("silence off")
+    first = counter(client.read(40))
+    block = client.read(40)
+    assert counter(block) == first + 1 and block[32:] == bytes(8)
+
+
+def test_garbage(new_sim, connect):
+    """garbage 7 sends 7 bytes and nothing else"""
+    sim = new_sim(PLAIN, "-o", "period=1 h")
+    client = connect(sim.port)
+    sim.command("garbage 7")
+    assert len(client.read(7)) == 7 and client.quiet(0.1)
+
+
+def test_close(new_sim, connect):
+    """close ends the connection with FIN"""
+    sim = new_sim(PLAIN)
+    client = connect(sim.port)
+    client.read()
+    client.write(b"unread")
+    sim.command("close")
+    with pytest.raises(EOFError):
+        while True:
+            client.read()
+
+
+@pytest.mark.parametrize("fault", ["reset", "restart 0", "cut 1"])
+def test_reset(new_sim, connect, fault):
+    """{fault} ends the connection with RST"""
+    sim = new_sim(PLAIN)
+    client = connect(sim.port)
+    client.read()
+    sim.command(fault)
+    with pytest.raises(ConnectionResetError):
+        if fault == "cut 1":
+            client.write(bytes(16))
+        while True:
+            client.read()
+
+
+def test_cut(new_sim, connect):
+    """cut 20 takes one block of 16 bytes and 4 bytes more"""
+    sim = new_sim(PLAIN)
+    client = connect(sim.port)
+    sim.command("cut 20")
+    client.write(bytes(16) + bytes(16))
+    with pytest.raises(ConnectionResetError):
+        while True:
+            client.read()
+    assert sim.command("received").splitlines()[0] == "blocks 1 bytes 20 partial 0"
+
+
+def test_refuse(new_sim, connect):
+    """refuse gives RST to new connections and keeps the one there is"""
+    sim = new_sim(PLAIN)
+    client = connect(sim.port)
+    sim.command("refuse")
+    with pytest.raises(ConnectionRefusedError):
+        connect(sim.port)
+    client.read()
+    sim.command("refuse off")
+    connect(sim.port).read()
+
+
+def test_unplug(new_sim, connect):
+    """unplug: open connections fall silent, new ones get no answer; plug: all comes back"""
+    sim = new_sim(PLAIN)
+    client = connect(sim.port)
+    client.read()
+    sim.command("unplug")
+    until(lambda: client.quiet(0.1) or not client.socket.recv(65536), "silence")
+    trying = socket.socket()
+    trying.setblocking(False)
+    trying.connect_ex(("127.0.0.1", sim.port))
+    assert not select.select([], [trying], [], 0.3)[1], "no answer to a connect"
+    trying.close()
+    sim.command("plug")
+    read_until(client, lambda block: True)
+    connect(sim.port).read()
+
+
+def test_unplugged_connect(new_sim, connect):
+    """A connect that began while unplugged comes through after plug"""
+    sim = new_sim(PLAIN)
+    sim.command("unplug")
+    trying = socket.socket()
+    trying.setblocking(False)
+    trying.connect_ex(("127.0.0.1", sim.port))
+    sim.command("plug")
+    assert select.select([], [trying], [], LIMIT)[1]
+    trying.settimeout(LIMIT)
+    assert trying.recv(1)
+    trying.close()
+
+
+def test_restart(new_sim, connect):
+    """restart clears the send and receive blocks and keeps the others, cold all"""
+    sim = new_sim(PLAIN + "db 10 4\ninit DB10.DBW0 5\n")
+    client = connect(sim.port)
+    client.write(b"x" * 16)
+    read_until(client, lambda block: block[16:] == b"x" * 16)
+    sim.command("set DB10.DBW0 6")
+    sim.command("restart 0")
+    until(lambda: status(sim, "state").startswith("state: on"), "the PLC is on")
+    assert connect(sim.port).read()[16:] == bytes(16)
+    assert sim.command("get DB10.DBW0") == "DB10.DBW0 = 6"
+    sim.command("restart 0 cold")
+    assert sim.command("get DB10.DBW0") == "DB10.DBW0 = 5"
+
+
+def test_second_client(new_sim, connect):
+    """A second client replaces the first, or is sent away where the file says so"""
+    sim = new_sim(PLAIN)
+    first = connect(sim.port)
+    first.read()
+    connect(sim.port).read()
+    with pytest.raises(EOFError):
+        while True:
+            first.read()
+    sim = new_sim(PLAIN, "-o", "clients=keep")
+    first = connect(sim.port)
+    first.read()
+    with pytest.raises((EOFError, ConnectionResetError)):
+        connect(sim.port).read()
+    first.read()
+
+
+def test_local(new_sim, connect):
+    """In LOCAL a block is counted and not taken"""
+    sim = new_sim(PLAIN)
+    client = connect(sim.port)
+    sim.command("local")
+    client.write(b"y" * 16)
+    until(lambda: sim.command("received").startswith("blocks 1 "), "the block has come")
+    client.read()
+    assert client.read()[16:] == bytes(16)
+
+
+def test_freeze(new_sim, connect):
+    """freeze heartbeat: blocks go on, the counter stands"""
+    sim = new_sim(PLAIN)
+    client = connect(sim.port)
+    sim.command("freeze heartbeat")
+    read_until(client, lambda block: counter(block) == counter(client.read()))
+    sim.command("unfreeze")
+    read_until(client, lambda block: counter(block) != counter(client.read()))
+
+
+def test_console(new_sim):
+    """A console line of any kind gets one answer, and the next line too"""
+    sim = new_sim(PLAIN)
+    console = socket.socket(socket.AF_UNIX)
+    console.connect(str(sim.path))
+    console.settimeout(LIMIT)
+    answers = console.makefile("rb")
+    for line in [b"\x00\xff\x80", b"get", b"get \"", b"x" * 10000, b"set in.0 INT16[99999999] 1",
+                 b"garbage -1", b"second status", b"switchover", b"dump DB99", b"period 0"]:
+        console.sendall(line + b"\n")
+        assert answers.readline().startswith(b"error: "), line
+    console.sendall(b"\n# nothing\nget in 16 INT16\n")
+    assert answers.readline() == b"in 16 INT16 = 0\n" and answers.readline() == b"ok\n"
+    console.close()
+
+
+def sync_block(flags, first, second=0):
+    return struct.pack(">BBHII4x", flags, 0, 0x1234, first, second)
+
+
+def flags_become(client, wanted):
+    return read_until(client, lambda block: block[0] == wanted and block[2:4] == b"\x12\x34")
+
+
+def test_sync(new_sim, connect):
+    """Setpoints pass after a check that was equal, and not before"""
+    sim = new_sim(SYNC)
+    client = connect(sim.port, size=16)
+    client.write(sync_block(2, 1))
+    client.write(sync_block(1, 1))
+    until(lambda: "checks: 1, 1 failed" in sim.command("status"), "one failed check")
+    assert sim.command("get DB10.DBD0") == "DB10.DBD0 = 77"
+    client.write(sync_block(1, 77))
+    flags_become(client, 3)
+    client.write(sync_block(2, 78, 5))
+    until_equal(lambda: sim.command("get DB10.DBD4"), "DB10.DBD4 = 5")
+    sim.command("local")
+    flags_become(client, 1)
+    sim.command("hmi DB10.DBD0 100")
+    read_until(client, lambda block: block[4:8] == struct.pack(">I", 100))
+    sim.command("remote")
+    flags_become(client, 2)
+
+
+def test_sync_watchdog(new_sim, connect):
+    """SYNC falls when the IOC is silent, and TIMEOUT tells it"""
+    sim = new_sim(SYNC.replace("10 min", "100 ms"))
+    client = connect(sim.port, size=16)
+    client.write(sync_block(1, 77))
+    read_until(client, lambda block: block[0] == 6)
+    assert "watchdogs: 1" in sim.command("status")
+
+
+def roles(sim):
+    return [status(sim, "role", plc).split()[1] for plc in ("first", "second")]
+
+
+def test_pair(new_sim, connect):
+    """Only the PRIMARY sends, and after unplug the BACKUP does, with the same memory"""
+    sim = new_sim(PAIR, "-o", "role=pair")
+    until_equal(lambda: roles(sim), ["PRIMARY", "BACKUP"])
+    first, second = connect(sim.port, "127.0.0.2"), connect(sim.port, "127.0.0.3")
+    first.write(b"z" * 16)
+    read_until(first, lambda block: block[16:] == b"z" * 16)
+    last = counter(first.read())
+    assert second.quiet(0.1)
+    sim.command("unplug 1")
+    block = second.read()
+    assert counter(block) >= last and block[16:] == b"z" * 16
+    assert roles(sim) == ["BACKUP", "PRIMARY"]
+    sim.command("plug 1")
+    until(lambda: first.quiet(0.1) or not first.socket.recv(65536), "FIRST is quiet")
+    first.write(b"a" * 16)
+    until(lambda: "ignored as BACKUP: 1 " in sim.command("first status"), "it came to FIRST")
+    assert second.read()[16:] == b"z" * 16
+
+
+def test_pair_switchover(new_sim, connect):
+    """switchover: the new PRIMARY goes on counting where the old one ended"""
+    sim = new_sim(PAIR, "-o", "role=pair")
+    until_equal(lambda: roles(sim), ["PRIMARY", "BACKUP"])
+    first, second = connect(sim.port, "127.0.0.2"), connect(sim.port, "127.0.0.3")
+    last = counter(first.read())
+    sim.command("switchover")
+    assert roles(sim) == ["BACKUP", "PRIMARY"]
+    while not first.quiet(0.1):
+        last = counter(first.read())
+    assert counter(second.read()) == last + 1
+
+
+def test_pair_two_primaries(new_sim):
+    """twoprimaries: both lead; off: one of them, and both have its memory"""
+    sim = new_sim(PAIR, "-o", "role=pair")
+    until_equal(lambda: roles(sim), ["PRIMARY", "BACKUP"])
+    sim.command("twoprimaries")
+    assert roles(sim) == ["PRIMARY", "PRIMARY"]
+    sim.command("first set DB10.DBW0 1")
+    sim.command("second set DB10.DBW0 2")
+    sim.command("twoprimaries off")
+    until_equal(lambda: roles(sim), ["PRIMARY", "BACKUP"])
+    until_equal(lambda: sim.command("second get DB10.DBW0"), "DB10.DBW0 = 1")
+
+
+def test_pair_of_processes(new_sim, tmp_path, connect):
+    """Two processes make a pair; when FIRST is killed SECOND leads with its memory"""
+    fibre = f"fibre={tmp_path / 'fibre'}"
+    first = new_sim(PAIR, "-o", "role=first", "-o", fibre)
+    second = new_sim(PAIR, "-o", "role=second", "-o", fibre, "-o", "startwait=1 h")
+    until_equal(lambda: status(first, "role").split()[1], "PRIMARY")
+    first.command("set DB10.DBW0 42")
+    until_equal(lambda: second.command("get DB10.DBW0"), "DB10.DBW0 = 42")
+    first.process.kill()
+    connect(second.port, "127.0.0.3").read()
+    assert second.command("get DB10.DBW0") == "DB10.DBW0 = 42"
