@@ -1,5 +1,6 @@
 /* plcSim: the PLC side of block TCP, for demonstrations and tests. This file reads the
- * command line, puts the parts together and ends them. docs/plcsim.md tells how to use it.
+ * command line, puts the parts together and ends them. docs/plcsim.md tells how to use
+ * it.
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */
@@ -54,21 +55,23 @@ static int usage(FILE *fp)
     simText keys = {NULL, 0, 0};
 
     simConfigHelp(&keys);
-    fprintf(fp,
-            "usage: plcSim [options] file.plc\n"
-            "  -a, --address <address>   listen there, whatever the file says\n"
-            "  -p, --port <port>         0 = any free port; the port is printed\n"
-            "  -o, --option <key=value>  set a key of the file\n"
-            "  -c, --console <path>      take commands on this unix socket too\n"
-            "  -e, --execute <command>   run a console command at start; may be repeated\n"
-            "  -n, --no-stdin            take no commands from stdin\n"
-            "  -q, --quiet               print only where it listens, and errors\n"
-            "  -s, --seconds <n>         end after n seconds\n"
-            "  -k, --check               check the file, then end\n"
-            "  -h, --help                this text\n"
-            "\nKeys of the file, with their defaults:\n%s"
-            "\nStatements of the file: db, init, signal, mirror, tx, rx. Type `help` for commands.\n",
-            keys.text);
+    fprintf(
+        fp,
+        "usage: plcSim [options] file.plc\n"
+        "  -a, --address <address>   listen there, whatever the file says\n"
+        "  -p, --port <port>         0 = any free port; the port is printed\n"
+        "  -o, --option <key=value>  set a key of the file\n"
+        "  -c, --console <path>      take commands on this unix socket too\n"
+        "  -e, --execute <command>   run a console command at start; may be repeated\n"
+        "  -n, --no-stdin            take no commands from stdin\n"
+        "  -q, --quiet               print only where it listens, and errors\n"
+        "  -s, --seconds <n>         end after n seconds\n"
+        "  -k, --check               check the file, then end\n"
+        "  -h, --help                this text\n"
+        "\nKeys of the file, with their defaults:\n%s"
+        "\nStatements of the file: db, init, signal, mirror, tx, rx. Type `help` for "
+        "commands.\n",
+        keys.text);
     simTextFree(&keys);
     return fp == stderr;
 }
@@ -178,7 +181,8 @@ static int nextAddress(simConfig *config)
     if (config->second[0])
         return 0;
     if (inet_pton(AF_INET, config->address, &ip) != 1) {
-        fprintf(stderr, "plcSim: address = %s has no next one: set `second`\n", config->address);
+        fprintf(stderr, "plcSim: address = %s has no next one: set `second`\n",
+                config->address);
         return 1;
     }
     ip.s_addr = htonl(ntohl(ip.s_addr) + 1);
@@ -190,7 +194,11 @@ static int nextAddress(simConfig *config)
 static int configure(simulator *sim, const options *opt)
 {
     static const char *const names[][2] = {
-        {NULL, NULL}, {"FIRST", "SECOND"}, {"FIRST", NULL}, {"SECOND", NULL}};
+        {NULL,     NULL    },
+        {"FIRST",  "SECOND"},
+        {"FIRST",  NULL    },
+        {"SECOND", NULL    }
+    };
     simConfig *config = &sim->config;
     simText messages = {NULL, 0, 0};
     int errors, i;
@@ -234,8 +242,9 @@ static int startServers(simulator *sim)
     for (; tries > 0; tries--) {
         if (simPlcStart(&sim->plc[0], config->address, config->port))
             return -1;
-        if (sim->count == 1 || simPlcStart(&sim->plc[1], config->second,
-                                           ntohs(sim->plc[0].server.address.sin_port)) == 0)
+        if (sim->count == 1 ||
+            simPlcStart(&sim->plc[1], config->second,
+                        ntohs(sim->plc[0].server.address.sin_port)) == 0)
             return 0;
         simPlcStop(&sim->plc[0]);
         simPlcStop(&sim->plc[1]);
@@ -255,8 +264,8 @@ static int startPair(simulator *sim)
                       : isFirst                   ? 0
                                                   : config->switchover;
 
-        simPairInit(&sim->pair[i], &sim->loop, &sim->plc[i], isFirst, config->switchover, wait,
-                    config->interface[!isFirst]);
+        simPairInit(&sim->pair[i], &sim->loop, &sim->plc[i], isFirst, config->switchover,
+                    wait, config->interface[!isFirst]);
     }
     if (sim->count == 2)
         simFibreJoin(&sim->pair[0].fibre, &sim->pair[1].fibre);

@@ -90,10 +90,11 @@ static void showPlc(call *c, simPlc *plc)
     const simServerCounts *n = &server->counts;
     simText *out = c->out;
 
-    simTextAdd(out, "%s: listening on %s, in %lu bytes, out %lu bytes, %s endian, every %g ms\n",
-               plc->name, simServerAddress(server), (unsigned long)server->inSize,
-               (unsigned long)server->outSize, plc->memory.bigEndian ? "big" : "little",
-               plc->period * 1e3);
+    simTextAdd(
+        out, "%s: listening on %s, in %lu bytes, out %lu bytes, %s endian, every %g ms\n",
+        plc->name, simServerAddress(server), (unsigned long)server->inSize,
+        (unsigned long)server->outSize, plc->memory.bigEndian ? "big" : "little",
+        plc->period * 1e3);
     simTextAdd(out, "state: %s%s%s\n", plc->off ? "off" : "on",
                plc->local ? ", LOCAL" : ", REMOTE",
                plc->freeze == freezeAll         ? ", frozen"
@@ -108,10 +109,12 @@ static void showPlc(call *c, simPlc *plc)
     simTextAdd(out, "sent: %llu blocks, %llu bytes, %llu skipped\n",
                (unsigned long long)n->blocksSent, (unsigned long long)n->bytesSent,
                (unsigned long long)n->blocksSkipped);
-    simTextAdd(out, "received: %llu blocks, %llu bytes\n", (unsigned long long)n->blocksReceived,
+    simTextAdd(out, "received: %llu blocks, %llu bytes\n",
+               (unsigned long long)n->blocksReceived,
                (unsigned long long)n->bytesReceived);
     if (plc->ignored)
-        simTextAdd(out, "ignored as BACKUP: %llu blocks\n", (unsigned long long)plc->ignored);
+        simTextAdd(out, "ignored as BACKUP: %llu blocks\n",
+                   (unsigned long long)plc->ignored);
     simTextAdd(out, "restarts: %u\n", plc->restarts);
     simProgramStatus(&plc->program, out);
     simTextAdd(out, "faults:%s", plc->program.refuseSync ? " refuse-sync" : "");
@@ -190,8 +193,8 @@ static int doReceived(call *c)
     if (wanted > plc->historyCount)
         wanted = (unsigned long)plc->historyCount;
     simTextAdd(c->out, "blocks %llu bytes %llu partial %lu\n",
-               (unsigned long long)n->blocksReceived, (unsigned long long)n->bytesReceived,
-               (unsigned long)plc->server.filled);
+               (unsigned long long)n->blocksReceived,
+               (unsigned long long)n->bytesReceived, (unsigned long)plc->server.filled);
     for (i = plc->historyCount - wanted; i < plc->historyCount; i++) {
         const simReceived *block = &plc->history[i % plc->historySize];
 
@@ -488,7 +491,8 @@ static int doPeriod(call *c)
     return 0;
 }
 
-/* signal and mirror: the words before are the command's name and belong to the statement. */
+/* signal and mirror: the words before are the command's name and belong to the statement.
+ */
 static int doStatement(call *c)
 {
     return simPlcStatement(c->plc, c->words - 1, c->count + 1, c->error);
@@ -504,6 +508,7 @@ static int doHelp(call *c);
 
 /* ---- the table ---- */
 
+/* clang-format off */
 static const struct command {
     const char *name;
     size_t min, max; /* arguments */
@@ -520,7 +525,8 @@ static const struct command {
     {"hmi", 2, SIM_MAX_WORDS, doHmi, 0, "[receive|check] <address> [type] <value>",
      "the HMI sets a value, now or at that moment"},
     {"dump", 1, 1, doDump, 0, "in|out|<block>", "all bytes of a block"},
-    {"received", 0, 1, doReceived, 0, "[n]", "number of blocks from the IOC and the last n"},
+    {"received", 0, 1, doReceived, 0, "[n]",
+     "number of blocks from the IOC and the last n"},
     {"signal", 3, SIM_MAX_WORDS, doStatement, 1, "<address> <type> <kind> ...",
      "one more signal, as in the file"},
     {"mirror", 4, 4, doStatement, 1, "<offset> <length> -> <offset>",
@@ -537,18 +543,23 @@ static const struct command {
     {"delay", 1, 1, doDelay, 1, "<ms> | off", "each block leaves ms late"},
     {"truncate", 1, 1, doTruncate, 1, "<bytes> | off", "send blocks of another size"},
     {"garbage", 1, 1, doGarbage, 1, "<bytes>", "send random bytes once"},
-    {"cut", 1, 1, doCut, 1, "<bytes> | off", "reset the connection after so many bytes came"},
+    {"cut", 1, 1, doCut, 1, "<bytes> | off",
+     "reset the connection after so many bytes came"},
     {"flood", 0, 1, doFlood, 1, "[on|off]", "send as fast as the socket takes"},
-    {"freeze", 0, 1, doFreeze, 1, "[heartbeat|all]", "counters, or all signals, stand still"},
+    {"freeze", 0, 1, doFreeze, 1, "[heartbeat|all]",
+     "counters, or all signals, stand still"},
     {"unfreeze", 0, 0, doUnfreeze, 1, "", "they move again"},
     {"normal", 0, 0, doNormal, 1, "", "end all faults"},
-    {"restart", 0, 3, doRestart, 1, "[n] [ms] [cold]", "power the PLC (of a pair: n) off and on"},
+    {"restart", 0, 3, doRestart, 1, "[n] [ms] [cold]",
+     "power the PLC (of a pair: n) off and on"},
     {"switchover", 0, 0, doSwitchover, 1, "", "the PRIMARY hands over to the BACKUP"},
-    {"twoprimaries", 0, 1, doTwoPrimaries, 1, "[on|off]", "the fibre is cut and both lead"},
+    {"twoprimaries", 0, 1, doTwoPrimaries, 1, "[on|off]",
+     "the fibre is cut and both lead"},
     {"local", 0, 0, doLocal, 1, "", "the HMI has control"},
     {"remote", 0, 0, doRemote, 1, "", "the IOC has control"},
     {"quit", 0, 0, doQuit, 1, "", "end the simulator"},
 };
+/* clang-format on */
 
 static const struct command *findCommand(const char *name)
 {

@@ -8,8 +8,8 @@
 #include "simLog.h"
 #include "simulator.h"
 
-/* Runs one line; it is changed. Adds the answer to out: lines, the last of which is "ok" or
- * begins with "error: ". Nothing at all for an empty line or a comment. */
+/* Runs one line; it is changed. Adds the answer to out: lines, the last of which is "ok"
+ * or begins with "error: ". Nothing at all for an empty line or a comment. */
 void simCommandRun(simulator *sim, char *line, simText *out);
 
 #endif

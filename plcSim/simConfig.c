@@ -4,7 +4,6 @@
  */
 #include <ctype.h>
 #include <errno.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,22 +18,11 @@
 
 #define MAX_FILE (1024 * 1024)
 
-static int fail(char error[SIM_ERROR_SIZE], const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
-
-static int fail(char error[SIM_ERROR_SIZE], const char *format, ...)
-{
-    va_list args;
-
-    va_start(args, format);
-    vsnprintf(error, SIM_ERROR_SIZE, format, args);
-    va_end(args);
-    return -1;
-}
-
 /* ---- keys ---- */
 
 typedef enum keyKind { keyText, keyCount, keyUnsigned, keyTime, keyChoice } keyKind;
 
+/* clang-format off */
 static const struct key {
     const char *name;
     keyKind kind;
@@ -50,24 +38,32 @@ static const struct key {
      "address to listen on"},
     {"port", keyUnsigned, AT(port), 0, 65535, "2000", NULL, "TCP port, 0 = any free one"},
     {"in", keyCount, AT(in), 0, SIM_MAX_BLOCK, "0", NULL, "bytes in a block PLC -> IOC"},
-    {"out", keyCount, AT(out), 0, SIM_MAX_BLOCK, "0", NULL, "bytes in a block IOC -> PLC"},
+    {"out", keyCount, AT(out), 0, SIM_MAX_BLOCK, "0", NULL,
+     "bytes in a block IOC -> PLC"},
     {"byteorder", keyChoice, AT(bigEndian), 0, 0, "big", "little|big",
      "byte order of the PLC's memory"},
-    {"period", keyTime, AT(period), 1e-4, 3600, "100 ms", NULL, "time from block to block"},
+    {"period", keyTime, AT(period), 1e-4, 3600, "100 ms", NULL,
+     "time from block to block"},
     {"clients", keyChoice, AT(keepFirst), 0, 0, "replace", "replace|keep",
      "a second connection replaces the first, or is closed"},
     {"rcvbuf", keyUnsigned, AT(receiveBuffer), 0, 1 << 24, "0", NULL,
      "bytes of the receive buffer, 0 = the system's default"},
     {"restarttime", keyTime, AT(restartTime), 0, 3600, "500 ms", NULL,
      "how long `restart` keeps the PLC off"},
-    {"ie_tx", keyUnsigned, AT(txDb), 1, 65535, "1", NULL, "DB number of the block to the IOC"},
-    {"ie_rx", keyUnsigned, AT(rxDb), 1, 65535, "2", NULL, "DB number of the block from the IOC"},
-    {"tx_ptrs", keyUnsigned, AT(txPtrsDb), 1, 65535, "3", NULL, "DB number of DB_TX_PTRS"},
-    {"rx_ptrs", keyUnsigned, AT(rxPtrsDb), 1, 65535, "4", NULL, "DB number of DB_RX_PTRS"},
-    {"mode", keyChoice, AT(local), 0, 0, "remote", "remote|local", "who has control at start"},
+    {"ie_tx", keyUnsigned, AT(txDb), 1, 65535, "1", NULL,
+     "DB number of the block to the IOC"},
+    {"ie_rx", keyUnsigned, AT(rxDb), 1, 65535, "2", NULL,
+     "DB number of the block from the IOC"},
+    {"tx_ptrs", keyUnsigned, AT(txPtrsDb), 1, 65535, "3", NULL,
+     "DB number of DB_TX_PTRS"},
+    {"rx_ptrs", keyUnsigned, AT(rxPtrsDb), 1, 65535, "4", NULL,
+     "DB number of DB_RX_PTRS"},
+    {"mode", keyChoice, AT(local), 0, 0, "remote", "remote|local",
+     "who has control at start"},
     {"sync", keyChoice, AT(sync), 0, 0, "off", "off|on",
      "blocks begin with the header of the sync handshake"},
-    {"layout", keyUnsigned, AT(layout), 0, 65535, "0", NULL, "layout id, 0 = not checked"},
+    {"layout", keyUnsigned, AT(layout), 0, 65535, "0", NULL,
+     "layout id, 0 = not checked"},
     {"watchdog", keyTime, AT(watchdog), 0, 3600, "3 s", NULL,
      "sync: SYNC falls after this time without a block, 0 = never"},
     {"sendwatchdog", keyTime, AT(sendWatchdog), 0, 3600, "10 s", NULL,
@@ -92,6 +88,7 @@ static const struct key {
      "interface of SECOND whose cable is watched"},
 #undef AT
 };
+/* clang-format on */
 
 #define KEY_COUNT (sizeof(keys) / sizeof(keys[0]))
 
@@ -106,8 +103,8 @@ static int setNumber(const struct key *key, void *member, const char *value,
     number = strtoul(value, &end, hex ? 16 : 10);
     if (!isdigit((unsigned char)value[0]) || *end || errno || (double)number < key->min ||
         (double)number > key->max)
-        return fail(error, "%s = %.40s: allowed is a number %.0f ... %.0f", key->name, value,
-                    key->min, key->max);
+        return simFail(error, "%s = %.40s: allowed is a number %.0f ... %.0f", key->name,
+                       value, key->min, key->max);
     if (key->kind == keyCount)
         *(size_t *)member = number;
     else
@@ -122,10 +119,10 @@ static int setTime(const struct key *key, double *member, const char *value,
     double seconds;
 
     if (simTimeParse(value, &seconds, reason))
-        return fail(error, "%s = %.40s: %.120s", key->name, value, reason);
+        return simFail(error, "%s = %.40s: %.120s", key->name, value, reason);
     if (seconds < key->min || seconds > key->max)
-        return fail(error, "%s = %.40s: allowed is %g ms ... %g s", key->name, value,
-                    key->min * 1e3, key->max);
+        return simFail(error, "%s = %.40s: allowed is %g ms ... %g s", key->name, value,
+                       key->min * 1e3, key->max);
     *member = seconds;
     return 0;
 }
@@ -146,7 +143,7 @@ static int setChoice(const struct key *key, int *member, const char *value,
         choice += length;
         choice += *choice == '|';
     }
-    return fail(error, "%s = %.40s: allowed is %s", key->name, value, key->choices);
+    return simFail(error, "%s = %.40s: allowed is %s", key->name, value, key->choices);
 }
 
 static int setText(const struct key *key, char *member, const char *value,
@@ -155,8 +152,8 @@ static int setText(const struct key *key, char *member, const char *value,
     size_t length = strlen(value);
 
     if (length < (size_t)key->min || length > (size_t)key->max)
-        return fail(error, "%s: allowed are %.0f ... %.0f characters", key->name, key->min,
-                    key->max);
+        return simFail(error, "%s: allowed are %.0f ... %.0f characters", key->name,
+                       key->min, key->max);
     strcpy(member, value);
     return 0;
 }
@@ -183,7 +180,7 @@ int simConfigSet(simConfig *config, const char *name, const char *value,
             return setNumber(key, member, value, error);
         }
     }
-    return fail(error, "\"%.40s\" is no key; `plcSim --help` lists them", name);
+    return simFail(error, "\"%.40s\" is no key; `plcSim --help` lists them", name);
 }
 
 void simConfigHelp(simText *out)
@@ -205,7 +202,8 @@ void simConfigInit(simConfig *config)
 
     memset(config, 0, sizeof(*config));
     for (i = 0; i < KEY_COUNT; i++)
-        if (keys[i].initial[0] && simConfigSet(config, keys[i].name, keys[i].initial, error))
+        if (keys[i].initial[0] &&
+            simConfigSet(config, keys[i].name, keys[i].initial, error))
             cantProceed("simConfigInit: %s", error);
 }
 
@@ -248,7 +246,7 @@ int simSplit(char *line, char **words, size_t max, char error[SIM_ERROR_SIZE])
         if (*from == 0 || *from == '#')
             return (int)count;
         if (count == max)
-            return fail(error, "more than %lu words", (unsigned long)max);
+            return simFail(error, "more than %lu words", (unsigned long)max);
         words[count++] = to = from;
         while (*from && !strchr(" \t\r\n", *from)) {
             if (*from != '"') {
@@ -257,7 +255,7 @@ int simSplit(char *line, char **words, size_t max, char error[SIM_ERROR_SIZE])
             }
             from = quoted(from, &to);
             if (!from)
-                return fail(error, "a \" is missing");
+                return simFail(error, "a \" is missing");
         }
         if (*from)
             from++;
@@ -300,7 +298,8 @@ static char *cleanValue(char *value)
     return value;
 }
 
-static int readLine(simConfig *config, unsigned number, char *text, char error[SIM_ERROR_SIZE])
+static int readLine(simConfig *config, unsigned number, char *text,
+                    char error[SIM_ERROR_SIZE])
 {
     char *words[SIM_MAX_WORDS];
     char *name = text + strspn(text, " \t");

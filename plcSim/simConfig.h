@@ -38,7 +38,7 @@ typedef struct simConfig {
     int sync, unpack, resync, local;
     unsigned layout;
     double watchdog, sendWatchdog; /* s, 0 = none */
-    int role; /* simSingle ... */
+    int role;                      /* simSingle ... */
     char second[SIM_MAX_ADDRESS];
     char fibre[SIM_MAX_ADDRESS];
     char interface[2][16]; /* of FIRST and SECOND */
@@ -65,11 +65,10 @@ int simConfigSet(simConfig *config, const char *key, const char *value,
 /* Reads a file; every error becomes a line on stderr. Returns the number of errors. */
 int simConfigRead(simConfig *config, const char *file);
 /* The same from memory, for tests; `file` is the name in messages. Messages go to out. */
-struct simText;
 int simConfigReadText(simConfig *config, const char *file, const char *text,
-                      struct simText *out);
+                      simText *out);
 
 /* Adds a table of all keys. */
-void simConfigHelp(struct simText *out);
+void simConfigHelp(simText *out);
 
 #endif

@@ -1,5 +1,5 @@
-/* simConsole: takes command lines from stdin and from a unix socket, and writes the answers.
- * It does not know the commands.
+/* simConsole: takes command lines from stdin and from a unix socket, and writes the
+ * answers. It does not know the commands.
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */
@@ -17,7 +17,9 @@
 #include "simCommand.h"
 #include "simConsole.h"
 
-#define MAX_ANSWER (8u * 1024 * 1024) /* bytes waiting for a console that does not read */
+#define MAX_ANSWER                                                                       \
+    (8u * 1024 * 1024) /* bytes waiting for a console that does not read                 \
+                        */
 
 static void onTypist(void *arg, int fd, short revents);
 
@@ -84,8 +86,8 @@ static int flush(simConsole *console, simTypist *typist)
     if (answer->length > MAX_ANSWER)
         return -1;
     if (isSocket)
-        simLoopWatch(&console->sim->loop, typist->in, answer->length ? POLLIN | POLLOUT : POLLIN,
-                     onTypist, console);
+        simLoopWatch(&console->sim->loop, typist->in,
+                     answer->length ? POLLIN | POLLOUT : POLLIN, onTypist, console);
     return 0;
 }
 
@@ -189,7 +191,8 @@ int simConsoleListen(simConsole *console, const char *path)
     if (isStale(&address))
         unlink(path);
     fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-    if (fd < 0 || bind(fd, (struct sockaddr *)&address, sizeof(address)) || listen(fd, 8)) {
+    if (fd < 0 || bind(fd, (struct sockaddr *)&address, sizeof(address)) ||
+        listen(fd, 8)) {
         simComplain("plcSim", "console %s: %s", path, strerror(errno));
         if (fd >= 0)
             close(fd);

@@ -1,5 +1,5 @@
-/* simConsole: takes command lines from stdin and from a unix socket, and writes the answers.
- * It does not know the commands.
+/* simConsole: takes command lines from stdin and from a unix socket, and writes the
+ * answers. It does not know the commands.
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */

@@ -1,6 +1,6 @@
-/* simFibre: the synchronising link between the two PLCs of a pair. It carries messages, in
- * one process by a call, between two processes by a TCP or unix socket. It does not know
- * what the messages say.
+/* simFibre: the synchronising link between the two PLCs of a pair. It carries messages,
+ * in one process by a call, between two processes by a TCP or unix socket. It does not
+ * know what the messages say.
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */
@@ -84,8 +84,8 @@ static int flush(simFibre *fibre)
         fibre->outUsed -= (size_t)n;
         memmove(fibre->out, fibre->out + n, fibre->outUsed);
     }
-    simLoopWatch(fibre->loop, fibre->fd, fibre->outUsed ? POLLIN | POLLOUT : POLLIN, onLink,
-                 fibre);
+    simLoopWatch(fibre->loop, fibre->fd, fibre->outUsed ? POLLIN | POLLOUT : POLLIN,
+                 onLink, fibre);
     return 0;
 }
 
@@ -180,7 +180,8 @@ static void tryConnect(void *arg)
 {
     simFibre *fibre = arg;
 
-    fibre->fd = socket(fibre->address.ss_family, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+    fibre->fd =
+        socket(fibre->address.ss_family, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
     if (fibre->fd < 0) {
         simTimerSet(fibre->loop, &fibre->retry, simNow() + RETRY, tryConnect, fibre);
         return;
@@ -262,8 +263,8 @@ int simFibreOpen(simFibre *fibre, const char *where, int listens)
     fibre->listener = fibre->fd = -1;
     fibre->in = callocMustSucceed(1, SIM_MAX_MESSAGE + PREFIX, "simFibreOpen");
     if (readAddress(fibre, where)) {
-        simComplain(fibre->name, "fibre = %s: allowed is host:port or the path of a socket",
-                    where);
+        simComplain(fibre->name,
+                    "fibre = %s: allowed is host:port or the path of a socket", where);
         return -1;
     }
     if (!listens) {

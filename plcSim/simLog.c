@@ -112,6 +112,16 @@ void simSay(const char *format, ...)
         writeLine(line, (size_t)used);
 }
 
+int simFail(char error[SIM_ERROR_SIZE], const char *format, ...)
+{
+    va_list args;
+
+    va_start(args, format);
+    vsnprintf(error, SIM_ERROR_SIZE, format, args);
+    va_end(args);
+    return -1;
+}
+
 static void makeRoom(simText *out, size_t more)
 {
     size_t need = out->length + more + 1;

@@ -9,7 +9,8 @@
 #include <stddef.h>
 #include <compilerDependencies.h>
 
-/* 0 prints everything, 1 only lines of simSay() and simComplain(), 2 (for tests) nothing. */
+/* 0 prints everything, 1 only lines of simSay() and simComplain(), 2 (for tests) nothing.
+ */
 void simLogQuiet(int quiet);
 
 /* "2026-11-23 11:52:49.123 <name>: <text>", one line. */
@@ -18,6 +19,11 @@ void simLog(const char *name, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
 void simComplain(const char *name, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
 /* A line for programs to read, without time stamp: "plcSim: PLC listening on ...". */
 void simSay(const char *format, ...) EPICS_PRINTF_STYLE(1, 2);
+
+#define SIM_ERROR_SIZE 256
+
+/* Writes the reason why something was refused. Returns -1. */
+int simFail(char error[SIM_ERROR_SIZE], const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
 
 /* Growing text. Always terminated once something was added. */
 typedef struct simText {

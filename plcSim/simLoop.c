@@ -82,7 +82,8 @@ void simLoopForget(simLoop *loop, int fd)
         *watch = loop->watches[--loop->count];
 }
 
-void simTimerSet(simLoop *loop, simTimer *timer, double deadline, simTimerFn fn, void *arg)
+void simTimerSet(simLoop *loop, simTimer *timer, double deadline, simTimerFn fn,
+                 void *arg)
 {
     if (!timer->armed)
         ellAdd(&loop->timers, &timer->node);
@@ -144,8 +145,8 @@ static void waitTime(simLoop *loop, double end, struct timespec *ts)
     ts->tv_nsec = (long)((wait - (double)ts->tv_sec) * 1e9);
 }
 
-static void dispatch(simLoop *loop, const struct pollfd *fds, const unsigned long *serials,
-                     size_t count)
+static void dispatch(simLoop *loop, const struct pollfd *fds,
+                     const unsigned long *serials, size_t count)
 {
     size_t i;
 

@@ -40,11 +40,13 @@ void simLoopFree(simLoop *loop);
 /* Calls fn(arg, fd, revents) when poll() reports one of `events` (or an error) for fd.
  * A second call for the same fd replaces the first; events may be 0. */
 void simLoopWatch(simLoop *loop, int fd, short events, simIoFn fn, void *arg);
-/* No more calls for fd, also when called from within a callback. Call it before close(). */
+/* No more calls for fd, also when called from within a callback. Call it before close().
+ */
 void simLoopForget(simLoop *loop, int fd);
 
 /* Calls fn(arg) once at `deadline`. Setting a timer that is set already moves it. */
-void simTimerSet(simLoop *loop, simTimer *timer, double deadline, simTimerFn fn, void *arg);
+void simTimerSet(simLoop *loop, simTimer *timer, double deadline, simTimerFn fn,
+                 void *arg);
 void simTimerStop(simLoop *loop, simTimer *timer);
 
 /* Serves until loop->quit is set or until time `end` (s, simNow() scale; 0 = no end). */

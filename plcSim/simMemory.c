@@ -1,5 +1,5 @@
-/* simMemory: the memory of one PLC: data blocks, their addresses, and typed values in them.
- * It does not know what the bytes are for, nor of the network.
+/* simMemory: the memory of one PLC: data blocks, their addresses, and typed values in
+ * them. It does not know what the bytes are for, nor of the network.
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */
@@ -7,7 +7,6 @@
 #include <errno.h>
 #include <float.h>
 #include <math.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -18,18 +17,6 @@
 
 #include "simLog.h"
 #include "simMemory.h"
-
-static int fail(char error[SIM_ERROR_SIZE], const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
-
-static int fail(char error[SIM_ERROR_SIZE], const char *format, ...)
-{
-    va_list args;
-
-    va_start(args, format);
-    vsnprintf(error, SIM_ERROR_SIZE, format, args);
-    va_end(args);
-    return -1;
-}
 
 /* ---- blocks ---- */
 
@@ -105,7 +92,9 @@ const char *simBlockName(const simBlock *block)
 
     if (block->area != SIM_AREA_DB)
         snprintf(text, sizeof(texts[0]), "%c",
-                 block->area == SIM_AREA_I ? 'I' : block->area == SIM_AREA_Q ? 'Q' : 'M');
+                 block->area == SIM_AREA_I   ? 'I'
+                 : block->area == SIM_AREA_Q ? 'Q'
+                                             : 'M');
     else if (block->name[0])
         snprintf(text, sizeof(texts[0]), "DB%u (%s)", block->number, block->name);
     else
@@ -160,23 +149,24 @@ int simTypeParse(const char *text, simType *type, char error[SIM_ERROR_SIZE])
 
     type->info = findType(text, length);
     if (!type->info)
-        return fail(error,
-                    "\"%.40s\" is no type: allowed are BOOL INT8 UINT8 INT16 UINT16 INT32 "
-                    "UINT32 INT64 UINT64 REAL32 REAL64 STRING[n] TIME DTL",
-                    text);
+        return simFail(
+            error,
+            "\"%.40s\" is no type: allowed are BOOL INT8 UINT8 INT16 UINT16 INT32 "
+            "UINT32 INT64 UINT64 REAL32 REAL64 STRING[n] TIME DTL",
+            text);
     if (text[length] == '[') {
         errno = 0;
         count = strtoul(text + length + 1, &end, 0);
         if (!isdigit((unsigned char)text[length + 1]) || errno || strcmp(end, "]") ||
             count < 1 || count > SIM_MAX_BLOCK)
-            return fail(error, "\"%.40s\": the number in [ ] must be 1 ... %u", text,
-                        SIM_MAX_BLOCK);
+            return simFail(error, "\"%.40s\": the number in [ ] must be 1 ... %u", text,
+                           SIM_MAX_BLOCK);
     } else if (type->info->kind == simString) {
         count = 40;
     }
     if (count > 1 && (type->info->kind == simBcd || type->info->kind == simDtl ||
                       type->info->kind == simBool))
-        return fail(error, "\"%.40s\": no arrays of %s", text, type->info->name);
+        return simFail(error, "\"%.40s\": no arrays of %s", text, type->info->name);
     type->count = count;
     return 0;
 }
@@ -189,14 +179,16 @@ size_t simTypeSize(const simType *type)
 /* ---- places ---- */
 
 /* A number without sign, decimal or 0x hex, that ends at one of the characters `stop`. */
-static int number(const char **text, const char *stop, unsigned long max, unsigned long *value)
+static int number(const char **text, const char *stop, unsigned long max,
+                  unsigned long *value)
 {
     char *end;
 
     if (!isdigit((unsigned char)**text))
         return -1;
     errno = 0;
-    *value = strtoul(*text, &end, (*text)[0] == '0' && tolower((*text)[1]) == 'x' ? 16 : 10);
+    *value =
+        strtoul(*text, &end, (*text)[0] == '0' && tolower((*text)[1]) == 'x' ? 16 : 10);
     if (errno || *value > max || !(*end == 0 || strchr(stop, *end)))
         return -1;
     *text = end;
@@ -325,26 +317,27 @@ int simPlaceParse(const simMemory *mem, const char *text, simBlock *byDefault,
     if (isdigit((unsigned char)text[0])) {
         place->block = byDefault;
         if (!byDefault)
-            return fail(error, "\"%.60s\" needs a block in front, such as in.%.20s", text, text);
+            return simFail(error, "\"%.60s\" needs a block in front, such as in.%.20s",
+                           text, text);
         if (offsetAndBit(text, place))
-            return fail(error, "\"%.60s\" is no address: %s", text, allowed);
+            return simFail(error, "\"%.60s\" is no address: %s", text, allowed);
     } else if (placeInArea(mem, text, place)) {
         if (!place->block)
-            return fail(error, "\"%.60s\": this PLC has no such memory area", text);
+            return simFail(error, "\"%.60s\": this PLC has no such memory area", text);
     } else {
         if (!dot)
-            return fail(error, "\"%.60s\" is no address: %s", text, allowed);
+            return simFail(error, "\"%.60s\" is no address: %s", text, allowed);
         place->block = blockByText(mem, text, (size_t)(dot - text));
         if (!place->block)
-            return fail(error, "\"%.60s\": no block \"%.*s\" in this PLC", text,
-                        (int)(dot - text < 40 ? dot - text : 40), text);
+            return simFail(error, "\"%.60s\": no block \"%.*s\" in this PLC", text,
+                           (int)(dot - text < 40 ? dot - text : 40), text);
         if (placeInBlock(dot + 1, place))
-            return fail(error, "\"%.60s\" is no address: %s", text, allowed);
+            return simFail(error, "\"%.60s\" is no address: %s", text, allowed);
     }
     need = place->width ? place->width : 1;
     if (place->offset >= place->block->size || need > place->block->size - place->offset)
-        return fail(error, "\"%.60s\" is outside of %s, which has %lu bytes", text,
-                    simBlockName(place->block), (unsigned long)place->block->size);
+        return simFail(error, "\"%.60s\" is outside of %s, which has %lu bytes", text,
+                       simBlockName(place->block), (unsigned long)place->block->size);
     return 0;
 }
 
@@ -353,16 +346,19 @@ int simPlaceCheck(const simPlace *place, const simType *type, char error[SIM_ERR
     size_t size = simTypeSize(type);
 
     if (type->info->kind != simBool && place->bit >= 0)
-        return fail(error, "the address names a bit, but %s is no BOOL", type->info->name);
+        return simFail(error, "the address names a bit, but %s is no BOOL",
+                       type->info->name);
     if (type->info->kind == simBool && place->bit < 0)
-        return fail(error, "BOOL needs an address with a bit, such as DB10.DBX4.3");
+        return simFail(error, "BOOL needs an address with a bit, such as DB10.DBX4.3");
     if (place->width && place->width != size)
-        return fail(error, "the address is %lu bytes wide, but %s has %lu",
-                    (unsigned long)place->width, type->info->name, (unsigned long)size);
+        return simFail(error, "the address is %lu bytes wide, but %s has %lu",
+                       (unsigned long)place->width, type->info->name,
+                       (unsigned long)size);
     if (place->offset > place->block->size || size > place->block->size - place->offset)
-        return fail(error, "%s of %lu bytes at offset %lu is outside of %s, which has %lu bytes",
-                    type->info->name, (unsigned long)size, (unsigned long)place->offset,
-                    simBlockName(place->block), (unsigned long)place->block->size);
+        return simFail(
+            error, "%s of %lu bytes at offset %lu is outside of %s, which has %lu bytes",
+            type->info->name, (unsigned long)size, (unsigned long)place->offset,
+            simBlockName(place->block), (unsigned long)place->block->size);
     return 0;
 }
 
@@ -372,7 +368,7 @@ int simPlaceType(const simPlace *place, simType *type, char error[SIM_ERROR_SIZE
     const char *name = place->bit >= 0 ? "BOOL" : byWidth[place->width];
 
     if (!name)
-        return fail(error, "this address needs a type behind it, such as INT16");
+        return simFail(error, "this address needs a type behind it, such as INT16");
     return simTypeParse(name, type, error);
 }
 
@@ -465,10 +461,11 @@ static void putBit(epicsUInt8 *p, int bit, int value)
     if (value)
         *p |= (epicsUInt8)(1u << bit);
     else
-        *p &= (epicsUInt8)~(1u << bit);
+        *p &= (epicsUInt8) ~(1u << bit);
 }
 
-void simPutReal(const simTypeInfo *info, epicsUInt8 *p, int bit, int bigEndian, double value)
+void simPutReal(const simTypeInfo *info, epicsUInt8 *p, int bit, int bigEndian,
+                double value)
 {
     if (info->kind == simReal) {
         putFloat(p, info->size, bigEndian, value);
@@ -546,8 +543,8 @@ void simPutDtl(epicsUInt8 *p, int bigEndian, double seconds)
 
 /* ---- values as text ---- */
 
-static int setInteger(const simTypeInfo *info, epicsUInt8 *p, int bigEndian, const char *word,
-                      char error[SIM_ERROR_SIZE])
+static int setInteger(const simTypeInfo *info, epicsUInt8 *p, int bigEndian,
+                      const char *word, char error[SIM_ERROR_SIZE])
 {
     int negative = word[0] == '-';
     const char *digits = word + (negative || word[0] == '+');
@@ -555,29 +552,30 @@ static int setInteger(const simTypeInfo *info, epicsUInt8 *p, int bigEndian, con
     unsigned bits = (unsigned)(8 * info->size);
     epicsUInt64 lowest = (epicsUInt64)1 << (bits - 1); /* of negative numbers */
     /* 0xffff is a way to write an INT16, 65535 is not */
-    epicsUInt64 highest = info->kind == simUnsigned || hex ? ~(epicsUInt64)0 >> (64 - bits)
-                                                           : lowest - 1;
+    epicsUInt64 highest =
+        info->kind == simUnsigned || hex ? ~(epicsUInt64)0 >> (64 - bits) : lowest - 1;
     unsigned long long value;
     char *end;
 
     errno = 0;
     value = strtoull(digits, &end, hex ? 16 : 10);
     if (!isdigit((unsigned char)digits[0]) || *end)
-        return fail(error, "\"%.40s\" is no integer", word);
+        return simFail(error, "\"%.40s\" is no integer", word);
     if (errno || value > (negative ? lowest : highest))
-        return fail(error, "%.40s does not fit into %s", word, info->name);
-    simPutInt(p, info->size, bigEndian, negative ? 0 - (epicsUInt64)value : (epicsUInt64)value);
+        return simFail(error, "%.40s does not fit into %s", word, info->name);
+    simPutInt(p, info->size, bigEndian,
+              negative ? 0 - (epicsUInt64)value : (epicsUInt64)value);
     return 0;
 }
 
-static int setReal(const simTypeInfo *info, epicsUInt8 *p, int bigEndian, const char *word,
-                   char error[SIM_ERROR_SIZE])
+static int setReal(const simTypeInfo *info, epicsUInt8 *p, int bigEndian,
+                   const char *word, char error[SIM_ERROR_SIZE])
 {
     char *end;
     double value = strtod(word, &end);
 
     if (end == word || *end)
-        return fail(error, "\"%.40s\" is no number", word);
+        return simFail(error, "\"%.40s\" is no number", word);
     putFloat(p, info->size, bigEndian, value);
     return 0;
 }
@@ -585,7 +583,7 @@ static int setReal(const simTypeInfo *info, epicsUInt8 *p, int bigEndian, const 
 static int setBool(epicsUInt8 *p, int bit, const char *word, char error[SIM_ERROR_SIZE])
 {
     if (strcmp(word, "0") && strcmp(word, "1"))
-        return fail(error, "\"%.40s\": a bit is 0 or 1", word);
+        return simFail(error, "\"%.40s\": a bit is 0 or 1", word);
     putBit(p, bit, word[0] == '1');
     return 0;
 }
@@ -596,13 +594,14 @@ static int hexDigit(char c)
 }
 
 /* TIME and DTL are given as hex bytes: "26112312000000 01" without blanks. */
-static int setHex(epicsUInt8 *p, size_t size, const char *word, char error[SIM_ERROR_SIZE])
+static int setHex(epicsUInt8 *p, size_t size, const char *word,
+                  char error[SIM_ERROR_SIZE])
 {
     size_t i;
 
     if (strlen(word) != 2 * size || strspn(word, "0123456789abcdefABCDEF") != 2 * size)
-        return fail(error, "\"%.40s\": give the %lu bytes as %lu hex digits", word,
-                    (unsigned long)size, (unsigned long)(2 * size));
+        return simFail(error, "\"%.40s\": give the %lu bytes as %lu hex digits", word,
+                       (unsigned long)size, (unsigned long)(2 * size));
     for (i = 0; i < size; i++)
         p[i] = (epicsUInt8)(hexDigit(word[2 * i]) << 4 | hexDigit(word[2 * i + 1]));
     return 0;
@@ -624,8 +623,8 @@ static int setElement(const simTypeInfo *info, epicsUInt8 *p, int bit, int bigEn
     }
 }
 
-int simValueSet(const simMemory *mem, const simPlace *place, const simType *type, char **words,
-                size_t count, char error[SIM_ERROR_SIZE])
+int simValueSet(const simMemory *mem, const simPlace *place, const simType *type,
+                char **words, size_t count, char error[SIM_ERROR_SIZE])
 {
     epicsUInt8 *target = place->block->bytes + place->offset;
     size_t size = simTypeSize(type);
@@ -637,8 +636,8 @@ int simValueSet(const simMemory *mem, const simPlace *place, const simType *type
     if (simPlaceCheck(place, type, error))
         return -1;
     if (count != want)
-        return fail(error, "%lu value(s) given, but %lu wanted", (unsigned long)count,
-                    (unsigned long)want);
+        return simFail(error, "%lu value(s) given, but %lu wanted", (unsigned long)count,
+                       (unsigned long)want);
     if (type->info->kind == simString) {
         simPutText(target, size, words[0]);
         return 0;
@@ -654,8 +653,8 @@ int simValueSet(const simMemory *mem, const simPlace *place, const simType *type
     return status;
 }
 
-static void getElement(const simTypeInfo *info, const epicsUInt8 *p, int bit, int bigEndian,
-                       simText *out)
+static void getElement(const simTypeInfo *info, const epicsUInt8 *p, int bit,
+                       int bigEndian, simText *out)
 {
     size_t i;
 
@@ -670,7 +669,8 @@ static void getElement(const simTypeInfo *info, const epicsUInt8 *p, int bit, in
         simTextAdd(out, "%llu", (unsigned long long)simGetInt(p, info->size, bigEndian));
         break;
     case simReal:
-        simTextAdd(out, info->size == 4 ? "%.9g" : "%.17g", getFloat(p, info->size, bigEndian));
+        simTextAdd(out, info->size == 4 ? "%.9g" : "%.17g",
+                   getFloat(p, info->size, bigEndian));
         break;
     default:
         for (i = 0; i < info->size; i++)
@@ -687,7 +687,8 @@ void simValueGet(const simMemory *mem, const simPlace *place, const simType *typ
     if (type->info->kind == simString) {
         simTextAdd(out, "\"");
         for (i = 0; i < type->count && p[i]; i++)
-            simTextAdd(out, isprint(p[i]) && p[i] != '"' && p[i] != '\\' ? "%c" : "\\x%02x",
+            simTextAdd(out,
+                       isprint(p[i]) && p[i] != '"' && p[i] != '\\' ? "%c" : "\\x%02x",
                        p[i]);
         simTextAdd(out, "\"");
         return;

@@ -1,5 +1,5 @@
-/* simMemory: the memory of one PLC: data blocks, their addresses, and typed values in them.
- * It does not know what the bytes are for, nor of the network.
+/* simMemory: the memory of one PLC: data blocks, their addresses, and typed values in
+ * them. It does not know what the bytes are for, nor of the network.
  *
  * Every byte has an address as in a Siemens PLC. Data blocks may have a name too.
  *
@@ -19,9 +19,10 @@
 #include <stddef.h>
 #include <epicsTypes.h>
 
+#include "simLog.h"
+
 #define SIM_MAX_BLOCK 65536u /* bytes in a data block */
 #define SIM_NAME_SIZE 32
-#define SIM_ERROR_SIZE 256
 
 /* Memory areas, with the codes that ANY pointers use. */
 #define SIM_AREA_I 0x81
@@ -43,7 +44,15 @@ typedef struct simMemory {
     int bigEndian;
 } simMemory;
 
-typedef enum simKind { simBool, simInteger, simUnsigned, simReal, simString, simBcd, simDtl } simKind;
+typedef enum simKind {
+    simBool,
+    simInteger,
+    simUnsigned,
+    simReal,
+    simString,
+    simBcd,
+    simDtl
+} simKind;
 
 typedef struct simTypeInfo {
     const char *name;
@@ -90,24 +99,24 @@ int simPlaceCheck(const simPlace *place, const simType *type, char error[SIM_ERR
 int simPlaceType(const simPlace *place, simType *type, char error[SIM_ERROR_SIZE]);
 
 /* One element at p, clipped to the type's range. Not for STRING, TIME and DTL. */
-void simPutReal(const simTypeInfo *info, epicsUInt8 *p, int bit, int bigEndian, double value);
+void simPutReal(const simTypeInfo *info, epicsUInt8 *p, int bit, int bigEndian,
+                double value);
 /* An integer of 1, 2, 4 or 8 bytes. */
 void simPutInt(epicsUInt8 *p, size_t size, int bigEndian, epicsUInt64 value);
 epicsUInt64 simGetInt(const epicsUInt8 *p, size_t size, int bigEndian);
 /* Text, cut or filled with zeros to size bytes. */
 void simPutText(epicsUInt8 *p, size_t size, const char *text);
-/* Siemens DATE_AND_TIME: 8 bytes BCD  yy mm dd HH MM SS mm mw  (ms and weekday, Sunday 1).
- * `seconds` since 1970 UTC. */
+/* Siemens DATE_AND_TIME: 8 bytes BCD  yy mm dd HH MM SS mm mw  (ms and weekday, Sunday
+ * 1). `seconds` since 1970 UTC. */
 void simPutBcdTime(epicsUInt8 *p, double seconds);
 /* Siemens DTL: 12 bytes  yyyy(2) mm dd weekday HH MM SS ns(4). */
 void simPutDtl(epicsUInt8 *p, int bigEndian, double seconds);
 
 /* Writes a value given as text (several, for an array). Nothing is written on error. */
-int simValueSet(const simMemory *mem, const simPlace *place, const simType *type, char **words,
-                size_t count, char error[SIM_ERROR_SIZE]);
-struct simText;
+int simValueSet(const simMemory *mem, const simPlace *place, const simType *type,
+                char **words, size_t count, char error[SIM_ERROR_SIZE]);
 /* Adds the value as text to out. */
 void simValueGet(const simMemory *mem, const simPlace *place, const simType *type,
-                 struct simText *out);
+                 simText *out);
 
 #endif

@@ -9,7 +9,6 @@
  * SPDX-License-Identifier: BSD-3-Clause
  */
 #include <net/if.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -30,12 +29,6 @@
 static void onTick(void *arg);
 static void share(simPair *pair);
 static void consider(simPair *pair);
-
-static int fail(char error[SIM_ERROR_SIZE], const char *reason)
-{
-    snprintf(error, SIM_ERROR_SIZE, "%s", reason);
-    return -1;
-}
 
 /* ---- the decision ---- */
 
@@ -99,8 +92,8 @@ static void sendState(simPair *pair)
         return;
     share(pair); /* a state from the PRIMARY says: you have all of my memory */
     m[0] = 'S';
-    m[1] = (epicsUInt8)((pair->isPrimary ? FLAG_PRIMARY : 0) | (pair->net ? FLAG_NET : 0) |
-                        (pair->ready ? FLAG_READY : 0));
+    m[1] = (epicsUInt8)((pair->isPrimary ? FLAG_PRIMARY : 0) |
+                        (pair->net ? FLAG_NET : 0) | (pair->ready ? FLAG_READY : 0));
     simPutInt(m + 2, 8, 1, doubleBits(pair->since));
     simPutInt(m + 10, 8, 1, doubleBits(pair->plc->epoch));
     simPutInt(m + 18, 8, 1, pair->plc->block);
@@ -210,7 +203,8 @@ static const char *reasonText(const simPairView *v, int lead)
         return "leads without asking";
     if (lead)
         return v->heard ? "no PRIMARY in sight" : "the partner is silent";
-    return v->partnerPrimary ? "the partner leads too" : "no network here, the partner has one";
+    return v->partnerPrimary ? "the partner leads too"
+                             : "no network here, the partner has one";
 }
 
 /* Looks at the situation and takes or gives up the lead. */
@@ -270,8 +264,10 @@ static void takeBlock(simPair *pair, const epicsUInt8 *m, size_t size)
     if (pair->isPrimary)
         return;
     if (!block || block->size != size - BLOCK_HEAD) {
-        simComplain(pair->plc->name, "fibre: the partner has another DB%u: start both with the "
-                    "same file", number);
+        simComplain(pair->plc->name,
+                    "fibre: the partner has another DB%u: start both with the "
+                    "same file",
+                    number);
         return;
     }
     memcpy(block->bytes, m + BLOCK_HEAD, block->size);
@@ -353,8 +349,8 @@ static void onTick(void *arg)
     simPairPoll(pair);
 }
 
-void simPairInit(simPair *pair, simLoop *loop, simPlc *plc, int isFirst, double switchover,
-                 double wait, const char *interface)
+void simPairInit(simPair *pair, simLoop *loop, simPlc *plc, int isFirst,
+                 double switchover, double wait, const char *interface)
 {
     memset(pair, 0, sizeof(*pair));
     pair->loop = loop;
@@ -366,7 +362,8 @@ void simPairInit(simPair *pair, simLoop *loop, simPlc *plc, int isFirst, double 
     pair->primarySeen = simNow() + wait - switchover;
     snprintf(pair->interface, sizeof(pair->interface), "%s", interface);
     pair->shadowCount = plc->memory.count;
-    pair->shadows = callocMustSucceed(pair->shadowCount, sizeof(*pair->shadows), "simPair");
+    pair->shadows =
+        callocMustSucceed(pair->shadowCount, sizeof(*pair->shadows), "simPair");
     pair->fibre.loop = loop;
     pair->fibre.name = plc->name;
     pair->fibre.message = onMessage;
@@ -400,11 +397,11 @@ int simPairSwitch(simPair *pair, char error[SIM_ERROR_SIZE])
     static const epicsUInt8 handOver = 'H';
 
     if (!pair->isPrimary)
-        return fail(error, "this PLC is not PRIMARY");
+        return simFail(error, "this PLC is not PRIMARY");
     if (!isHeard(pair))
-        return fail(error, "the partner is not there");
+        return simFail(error, "the partner is not there");
     if (!pair->partnerNet)
-        return fail(error, "the partner has no network");
+        return simFail(error, "the partner has no network");
     share(pair);
     setRole(pair, 0, "hands over");
     pair->primarySeen = simNow();
@@ -418,7 +415,8 @@ void simPairSplit(simPair *pair, int on)
     if (pair->split == on)
         return;
     pair->split = on;
-    simLog(pair->plc->name, on ? "fibre cut: leads without asking" : "fibre joined again");
+    simLog(pair->plc->name,
+           on ? "fibre cut: leads without asking" : "fibre joined again");
     if (!on) {
         pair->heardTime = 0;
         pair->primarySeen = simNow();
@@ -431,9 +429,9 @@ void simPairStatus(const simPair *pair, simText *out)
     simTextAdd(out, "role: %s for %.3f s, cable %s, fibre %s, partner %s, %u takeovers\n",
                pair->isPrimary ? "PRIMARY" : "BACKUP", simNow() - pair->since,
                pair->net ? "plugged" : "unplugged",
-               pair->split                    ? "cut"
+               pair->split                  ? "cut"
                : simFibreIsUp(&pair->fibre) ? "up"
-                                              : "down",
+                                            : "down",
                !isHeard(pair)         ? "silent"
                : pair->partnerPrimary ? "PRIMARY"
                                       : "BACKUP",

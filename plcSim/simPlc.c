@@ -3,7 +3,6 @@
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -18,18 +17,6 @@
 #define AREA_SIZE 256                /* bytes of I, Q and M */
 #define HISTORY_BYTES (1024u * 1024) /* memory for received blocks */
 #define HISTORY_BLOCKS 1000u
-
-static int fail(char error[SIM_ERROR_SIZE], const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
-
-static int fail(char error[SIM_ERROR_SIZE], const char *format, ...)
-{
-    va_list args;
-
-    va_start(args, format);
-    vsnprintf(error, SIM_ERROR_SIZE, format, args);
-    va_end(args);
-    return -1;
-}
 
 /* ---- statements of the file ---- */
 
@@ -46,7 +33,8 @@ static int addSignal(simPlc *plc, char **words, size_t count, char error[SIM_ERR
     simSignal signal;
 
     if (!plc->tx && words[0] && words[0][0] >= '0' && words[0][0] <= '9')
-        return fail(error, "a signal at %.40s needs a block to the IOC, but in = 0", words[0]);
+        return simFail(error, "a signal at %.40s needs a block to the IOC, but in = 0",
+                       words[0]);
     if (simSignalParse(&plc->memory, plc->tx, words, count, &signal, error))
         return -1;
     plc->signals = grow(plc->signals, plc->signalCount, sizeof(simSignal));
@@ -70,17 +58,19 @@ static int addMirror(simPlc *plc, char **words, size_t count, char error[SIM_ERR
 
     if (count != 4 || strcmp(words[2], "->") || sizeArg(words[0], &m.from) ||
         sizeArg(words[1], &m.length) || sizeArg(words[3], &m.to))
-        return fail(error, "a mirror wants: <offset in out> <length> -> <offset in in>");
+        return simFail(error,
+                       "a mirror wants: <offset in out> <length> -> <offset in in>");
     if (plc->config->sync)
-        return fail(error, "no mirror with sync = on: use tx and rx");
+        return simFail(error, "no mirror with sync = on: use tx and rx");
     if (m.length < 1 || m.from > plc->config->out || m.length > plc->config->out - m.from)
-        return fail(error, "mirror: %lu bytes at offset %lu are outside of the %lu bytes of out",
-                    (unsigned long)m.length, (unsigned long)m.from,
-                    (unsigned long)plc->config->out);
+        return simFail(
+            error, "mirror: %lu bytes at offset %lu are outside of the %lu bytes of out",
+            (unsigned long)m.length, (unsigned long)m.from,
+            (unsigned long)plc->config->out);
     if (m.to > plc->config->in || m.length > plc->config->in - m.to)
-        return fail(error, "mirror: %lu bytes at offset %lu are outside of the %lu bytes of in",
-                    (unsigned long)m.length, (unsigned long)m.to,
-                    (unsigned long)plc->config->in);
+        return simFail(
+            error, "mirror: %lu bytes at offset %lu are outside of the %lu bytes of in",
+            (unsigned long)m.length, (unsigned long)m.to, (unsigned long)plc->config->in);
     plc->mirrors = grow(plc->mirrors, plc->mirrorCount, sizeof(simMirror));
     plc->mirrors[plc->mirrorCount++] = m;
     return 0;
@@ -102,14 +92,16 @@ static int addBlock(simPlc *plc, char **words, size_t count, char error[SIM_ERRO
     const char *name = count == 3 ? words[2] : "";
     size_t number, size;
 
-    if (count < 2 || count > 3 || sizeArg(words[0], &number) || number < 1 || number > 65535 ||
-        sizeArg(words[1], &size) || size < 1 || strlen(name) >= SIM_NAME_SIZE)
-        return fail(error, "a data block wants: <number 1 ... 65535> <bytes 1 ... %u> [name]",
-                    SIM_MAX_BLOCK);
+    if (count < 2 || count > 3 || sizeArg(words[0], &number) || number < 1 ||
+        number > 65535 || sizeArg(words[1], &size) || size < 1 ||
+        strlen(name) >= SIM_NAME_SIZE)
+        return simFail(error,
+                       "a data block wants: <number 1 ... 65535> <bytes 1 ... %u> [name]",
+                       SIM_MAX_BLOCK);
     if (simMemoryFindName(&plc->memory, name))
-        return fail(error, "there is a block \"%s\" already", name);
+        return simFail(error, "there is a block \"%s\" already", name);
     if (!simMemoryAdd(&plc->memory, SIM_AREA_DB, (unsigned)number, size, name))
-        return fail(error, "there is a DB%lu already", (unsigned long)number);
+        return simFail(error, "there is a DB%lu already", (unsigned long)number);
     return 0;
 }
 
@@ -119,8 +111,8 @@ static size_t placeWords(char **words, size_t count, char place[80])
     if (count > 1 && !strchr(words[0], '.') && words[1][0] >= '0' && words[1][0] <= '9' &&
         !(words[0][0] >= '0' && words[0][0] <= '9')) {
         size_t length = strlen(words[0]);
-        int isArea = length > 1 && words[0][length - 1] >= '0' && words[0][length - 1] <= '9' &&
-                     strchr("MIQmiq", words[0][0]);
+        int isArea = length > 1 && words[0][length - 1] >= '0' &&
+                     words[0][length - 1] <= '9' && strchr("MIQmiq", words[0][0]);
 
         if (!isArea) {
             snprintf(place, 80, "%.40s.%.30s", words[0], words[1]);
@@ -138,7 +130,7 @@ int simPlcPlace(simPlc *plc, char **words, size_t count, simPlace *place, simTyp
     size_t used;
 
     if (count < 1)
-        return fail(error, "an address is missing, such as DB10.DBW4 or in.4");
+        return simFail(error, "an address is missing, such as DB10.DBW4 or in.4");
     used = placeWords(words, count, text);
     if (simPlaceParse(&plc->memory, text, NULL, place, error))
         return -1;
@@ -157,10 +149,12 @@ int simPlcSet(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE
 
     if (used < 0)
         return -1;
-    return simValueSet(&plc->memory, &place, &type, words + used, count - (size_t)used, error);
+    return simValueSet(&plc->memory, &place, &type, words + used, count - (size_t)used,
+                       error);
 }
 
-typedef int (*statementFn)(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE]);
+typedef int (*statementFn)(simPlc *plc, char **words, size_t count,
+                           char error[SIM_ERROR_SIZE]);
 
 static const struct statement {
     const char *name;
@@ -192,7 +186,7 @@ int simPlcStatement(simPlc *plc, char **words, size_t count, char error[SIM_ERRO
     const struct statement *statement = count ? findStatement(words[0]) : NULL;
 
     if (!statement || !statement->running)
-        return fail(error, "no such statement");
+        return simFail(error, "no such statement");
     return statement->fn(plc, words + 1, count - 1, error);
 }
 
@@ -207,9 +201,10 @@ static int runStatements(simPlc *plc, int pass, simText *out)
         const struct statement *statement = findStatement(line->words[0]);
 
         if (!statement && pass == 0) {
-            simTextAdd(out, "%s:%u: \"%.40s\" is no statement: allowed are db, init, signal, "
-                       "mirror, tx, rx, and key = value\n", plc->config->file, line->number,
-                       line->words[0]);
+            simTextAdd(out,
+                       "%s:%u: \"%.40s\" is no statement: allowed are db, init, signal, "
+                       "mirror, tx, rx, and key = value\n",
+                       plc->config->file, line->number, line->words[0]);
             errors++;
         } else if (statement && statement->pass == pass &&
                    statement->fn(plc, line->words + 1, line->count - 1, error)) {
@@ -264,7 +259,8 @@ static void makeHistory(simPlc *plc)
     plc->historySize = size ? HISTORY_BYTES / size : 0;
     if (plc->historySize > HISTORY_BLOCKS)
         plc->historySize = HISTORY_BLOCKS;
-    plc->history = callocMustSucceed(plc->historySize + 1, sizeof(simReceived), "simPlcBuild");
+    plc->history =
+        callocMustSucceed(plc->historySize + 1, sizeof(simReceived), "simPlcBuild");
     for (i = 0; i < plc->historySize; i++)
         plc->history[i].bytes = callocMustSucceed(1, size, "simPlcBuild");
 }
@@ -361,7 +357,8 @@ static void callProgram(simPlc *plc, int send, const epicsUInt8 *received)
     in.received = received;
     IE_COMMS(program, &in);
     if (program->sync && program->watchdog > 0 && in.connected && !program->timedOut)
-        simTimerSet(plc->loop, &plc->watch, program->lastBlock + program->watchdog, onWatch, plc);
+        simTimerSet(plc->loop, &plc->watch, program->lastBlock + program->watchdog,
+                    onWatch, plc);
     else
         simTimerStop(plc->loop, &plc->watch);
 }

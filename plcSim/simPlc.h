@@ -38,15 +38,15 @@ typedef struct simPlc {
     size_t signalCount;
     simMirror *mirrors;
     size_t mirrorCount;
-    double epoch;          /* simNow() when time 0 was */
-    double period;         /* s */
-    double next;           /* s, simNow() scale: the next cycle */
-    epicsUInt64 block;     /* counts blocks made; counters show it */
+    double epoch;      /* simNow() when time 0 was */
+    double period;     /* s */
+    double next;       /* s, simNow() scale: the next cycle */
+    epicsUInt64 block; /* counts blocks made; counters show it */
     simFreeze freeze;
-    int local;             /* the HMI has control: received blocks are not taken */
-    int off;               /* restarting */
-    int passive;           /* BACKUP of a pair: sends nothing, takes nothing */
-    epicsUInt64 ignored;   /* blocks that came while passive */
+    int local;                  /* the HMI has control: received blocks are not taken */
+    int off;                    /* restarting */
+    int passive;                /* BACKUP of a pair: sends nothing, takes nothing */
+    epicsUInt64 ignored;        /* blocks that came while passive */
     void (*changed)(void *arg); /* called when memory may have changed, or NULL */
     void *changedArg;
     unsigned restarts;
@@ -56,7 +56,7 @@ typedef struct simPlc {
     simPoint hmiPoint;     /* the HMI waits for this moment ... */
     char **hmiWords;       /* ... to set this */
     size_t hmiCount;
-    simReceived *history;  /* ring of the last blocks */
+    simReceived *history; /* ring of the last blocks */
     size_t historySize;
     epicsUInt64 historyCount;
 } simPlc;
@@ -83,7 +83,8 @@ int simPlcHmi(simPlc *plc, simPoint point, char **words, size_t count,
               char error[SIM_ERROR_SIZE]);
 /* Adds another signal or mirror while running: words as in the file, keyword first. */
 int simPlcStatement(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE]);
-/* Reads "in 4 INT16", "DB10.DBW4", "DB10.4 REAL32". Returns the number of words used, or -1. */
+/* Reads "in 4 INT16", "DB10.DBW4", "DB10.4 REAL32". Returns the number of words used, or
+ * -1. */
 int simPlcPlace(simPlc *plc, char **words, size_t count, simPlace *place, simType *type,
                 char error[SIM_ERROR_SIZE]);
 /* "set" of the console and "init" of the file: <place> [type] <value> ... */

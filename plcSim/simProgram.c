@@ -6,7 +6,6 @@
  */
 #include <ctype.h>
 #include <errno.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -18,18 +17,6 @@
 
 #define PAIR (2 * SIM_ANY)
 #define SPARE_PAIRS 8 /* free places in a pointer table */
-
-static int fail(char error[SIM_ERROR_SIZE], const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
-
-static int fail(char error[SIM_ERROR_SIZE], const char *format, ...)
-{
-    va_list args;
-
-    va_start(args, format);
-    vsnprintf(error, SIM_ERROR_SIZE, format, args);
-    va_end(args);
-    return -1;
-}
 
 /* ---- ANY pointers ---- */
 
@@ -136,25 +123,28 @@ int simAnyParse(char **words, simAny *any, char error[SIM_ERROR_SIZE])
 
     memset(any, 0, sizeof(*any));
     if (strncasecmp(words[0], "P#", 2) || anyAddress(words[0] + 2, any))
-        return fail(error, "\"%.40s\" is no pointer: it looks like P#DB2.DBX4.0 BYTE 34",
-                    words[0]);
+        return simFail(error,
+                       "\"%.40s\" is no pointer: it looks like P#DB2.DBX4.0 BYTE 34",
+                       words[0]);
     for (i = 0; i < ANY_TYPES && strcasecmp(words[1], anyTypes[i].name); i++)
         ;
     if (i == ANY_TYPES)
-        return fail(error, "\"%.40s\" is no type of an ANY pointer", words[1]);
+        return simFail(error, "\"%.40s\" is no type of an ANY pointer", words[1]);
     any->type = anyTypes[i].code;
     errno = 0;
     count = strtoul(words[2], &end, 10);
-    if (!isdigit((unsigned char)words[2][0]) || *end || errno || count < 1 || count > 65535)
-        return fail(error, "\"%.40s\": the length of a pointer is 1 ... 65535", words[2]);
+    if (!isdigit((unsigned char)words[2][0]) || *end || errno || count < 1 ||
+        count > 65535)
+        return simFail(error, "\"%.40s\": the length of a pointer is 1 ... 65535",
+                       words[2]);
     any->count = (epicsUInt16)count;
     return 0;
 }
 
 /* Finds the bytes of a pointer. Returns 0, or the low byte of the error code that a CPU's
  * BLKMOV gives: 01 syntax, 22 length, 24 area, 28 alignment, 3A no such data block. */
-static unsigned anyBytes(const simMemory *memory, const epicsUInt8 *bytes, epicsUInt8 **target,
-                         size_t *size)
+static unsigned anyBytes(const simMemory *memory, const epicsUInt8 *bytes,
+                         epicsUInt8 **target, size_t *size)
 {
     simAny any;
     simBlock *block;
@@ -179,20 +169,22 @@ static unsigned anyBytes(const simMemory *memory, const epicsUInt8 *bytes, epics
 
 static const char *retValText(unsigned code)
 {
-    switch (code & 0xff) {
-    case 0x01:
-        return "no valid ANY pointer";
-    case 0x22:
-        return "beyond the end of the block";
-    case 0x24:
-        return "wrong area";
-    case 0x28:
-        return "not on a byte boundary";
-    case 0x3a:
-        return "no such data block";
-    default:
-        return "lengths differ";
-    }
+    static const struct {
+        unsigned code;
+        const char *text;
+    } texts[] = {
+        {0x01, "no valid ANY pointer"       },
+        {0x22, "beyond the end of the block"},
+        {0x23, "lengths differ"             },
+        {0x24, "wrong area"                 },
+        {0x28, "not on a byte boundary"     },
+        {0x3a, "no such data block"         },
+    };
+    size_t i = 0;
+
+    while (i + 1 < sizeof(texts) / sizeof(texts[0]) && texts[i].code != (code & 0xff))
+        i++;
+    return texts[i].text;
 }
 
 /* ---- transfers ---- */
@@ -215,7 +207,8 @@ static int inside(const simBlock *block, const epicsUInt8 *p, size_t size)
 }
 
 /* Error code as BLKMOV's RET_VAL: 8xnn, x = 1 for the source, 3 for the destination. */
-static unsigned readPair(simProgram *program, const simTransfers *t, size_t entry, move *m)
+static unsigned readPair(simProgram *program, const simTransfers *t, size_t entry,
+                         move *m)
 {
     const epicsUInt8 *pair = t->table->bytes + entry * PAIR;
     const struct anyType *type = anyType(pair[1]);
@@ -240,7 +233,8 @@ static unsigned readPair(simProgram *program, const simTransfers *t, size_t entr
 }
 
 /* Tells of a bad pointer once, and when all are good again. */
-static void notePointers(simProgram *program, simTransfers *t, unsigned retVal, size_t entry)
+static void notePointers(simProgram *program, simTransfers *t, unsigned retVal,
+                         size_t entry)
 {
     const char *who = t == &program->pack ? "PACK_TX_DB" : "UNPACK_RX_DB";
     const char *table = t == &program->pack ? "DB_TX_PTRS" : "DB_RX_PTRS";
@@ -252,9 +246,10 @@ static void notePointers(simProgram *program, simTransfers *t, unsigned retVal, 
     t->retVal = retVal;
     t->badEntry = entry;
     if (retVal)
-        simComplain(program->name, "%s: entry %lu of %s refused, RET_VAL W#16#%04X: %s: %s", who,
-                    (unsigned long)entry, table, retVal,
-                    (retVal & 0xf00) == 0x100 ? "source" : "destination", retValText(retVal));
+        simComplain(
+            program->name, "%s: entry %lu of %s refused, RET_VAL W#16#%04X: %s: %s", who,
+            (unsigned long)entry, table, retVal,
+            (retVal & 0xf00) == 0x100 ? "source" : "destination", retValText(retVal));
     else
         simLog(program->name, "%s: all pointers of %s are good", who, table);
 }
@@ -315,7 +310,7 @@ static void moveBytes(const move *m, const epicsUInt8 *from, epicsUInt8 *to, siz
     else if (getBit(from, m->fromBit))
         *to |= (epicsUInt8)(1u << m->toBit);
     else
-        *to &= (epicsUInt8)~(1u << m->toBit);
+        *to &= (epicsUInt8) ~(1u << m->toBit);
 }
 
 static int copyMove(simProgram *program, const move *m, void *arg)
@@ -333,8 +328,9 @@ static int changedMove(simProgram *program, const move *m, void *arg)
     size_t i;
 
     for (i = 0; i < m->size; i += m->element) {
-        int same = m->fromBit < 0 ? !memcmp(m->from + i, base + i, m->element)
-                                  : getBit(m->from, m->fromBit) == getBit(base, m->fromBit);
+        int same = m->fromBit < 0
+                       ? !memcmp(m->from + i, base + i, m->element)
+                       : getBit(m->from, m->fromBit) == getBit(base, m->fromBit);
 
         if (!same)
             moveBytes(m, m->from + i, m->to + i, m->element);
@@ -385,13 +381,15 @@ static int isPointer(const char *word)
     return !strncasecmp(word, "P#", 2);
 }
 
-static int addPair(simProgram *program, int isTx, simAnyPair *pair, char error[SIM_ERROR_SIZE])
+static int addPair(simProgram *program, int isTx, simAnyPair *pair,
+                   char error[SIM_ERROR_SIZE])
 {
     simTransfers *t = isTx ? &program->pack : &program->unpack;
 
     if (simAnySize(&pair->from) != simAnySize(&pair->to))
-        return fail(error, "the two pointers have different lengths: %lu and %lu bytes",
-                    (unsigned long)simAnySize(&pair->from), (unsigned long)simAnySize(&pair->to));
+        return simFail(
+            error, "the two pointers have different lengths: %lu and %lu bytes",
+            (unsigned long)simAnySize(&pair->from), (unsigned long)simAnySize(&pair->to));
     t->pairs = realloc(t->pairs, (t->pairCount + 1) * sizeof(simAnyPair));
     if (!t->pairs)
         cantProceed("simProgram: out of memory");
@@ -400,8 +398,8 @@ static int addPair(simProgram *program, int isTx, simAnyPair *pair, char error[S
 }
 
 /* The short form of a pointer into IE_TX or IE_RX: the offset alone. */
-static int shortPointer(simProgram *program, int isTx, const char *word, const simAny *other,
-                        simAny *any, char error[SIM_ERROR_SIZE])
+static int shortPointer(simProgram *program, int isTx, const char *word,
+                        const simAny *other, simAny *any, char error[SIM_ERROR_SIZE])
 {
     simBlock *block = isTx ? program->tx : program->rx;
     simPlace place;
@@ -425,16 +423,18 @@ static int pointerTransfer(simProgram *program, int isTx, char **words, size_t c
     simAnyPair pair;
 
     if (count < arrow + 2 || strcmp(words[arrow], "->"))
-        return fail(error, "a transfer wants: <from> -> <to>");
+        return simFail(error, "a transfer wants: <from> -> <to>");
     toPointer = isPointer(words[arrow + 1]);
     if (count != arrow + (toPointer ? 4u : 2u))
-        return fail(error, "a pointer wants an address, a type and a length");
+        return simFail(error, "a pointer wants an address, a type and a length");
     if ((fromPointer && simAnyParse(words, &pair.from, error)) ||
         (toPointer && simAnyParse(words + arrow + 1, &pair.to, error)))
         return -1;
-    if (!fromPointer && shortPointer(program, isTx, words[0], &pair.to, &pair.from, error))
+    if (!fromPointer &&
+        shortPointer(program, isTx, words[0], &pair.to, &pair.from, error))
         return -1;
-    if (!toPointer && shortPointer(program, isTx, words[arrow + 1], &pair.from, &pair.to, error))
+    if (!toPointer &&
+        shortPointer(program, isTx, words[arrow + 1], &pair.from, &pair.to, error))
         return -1;
     return addPair(program, isTx, &pair, error);
 }
@@ -449,9 +449,11 @@ static int matchWidths(simPlace *from, simPlace *to, char error[SIM_ERROR_SIZE])
     if (from->bit >= 0 && to->bit >= 0)
         from->width = to->width = 1;
     if (!from->width || from->width != to->width || (from->bit < 0) != (to->bit < 0))
-        return fail(error, "both sides of a transfer must be equally wide, such as DBW and DBW");
-    if (from->width > from->block->size - from->offset || to->width > to->block->size - to->offset)
-        return fail(error, "the transfer goes beyond the end of a block");
+        return simFail(
+            error, "both sides of a transfer must be equally wide, such as DBW and DBW");
+    if (from->width > from->block->size - from->offset ||
+        to->width > to->block->size - to->offset)
+        return simFail(error, "the transfer goes beyond the end of a block");
     return 0;
 }
 
@@ -464,18 +466,18 @@ int simProgramTransfer(simProgram *program, int isTx, char **words, size_t count
     size_t i;
 
     if (!wire)
-        return fail(error, "there is no %s: it has 0 bytes", isTx ? "IE_TX" : "IE_RX");
+        return simFail(error, "there is no %s: it has 0 bytes", isTx ? "IE_TX" : "IE_RX");
     for (i = 0; i < count; i++)
         if (isPointer(words[i]))
             return pointerTransfer(program, isTx, words, count, error);
     if (count != 3 || strcmp(words[1], "->"))
-        return fail(error, "a transfer wants: <from> -> <to>");
+        return simFail(error, "a transfer wants: <from> -> <to>");
     if (simPlaceParse(program->memory, words[0], wire, &a.from, error) ||
         simPlaceParse(program->memory, words[2], wire, &a.to, error) ||
         matchWidths(&a.from, &a.to, error))
         return -1;
     if ((isTx ? a.to.block : a.from.block) != wire)
-        return fail(error, isTx ? "tx goes to IE_TX" : "rx comes from IE_RX");
+        return simFail(error, isTx ? "tx goes to IE_TX" : "rx comes from IE_RX");
     t->assigns = realloc(t->assigns, (t->assignCount + 1) * sizeof(simAssign));
     if (!t->assigns)
         cantProceed("simProgram: out of memory");
@@ -491,7 +493,8 @@ static int makeTable(simProgram *program, simTransfers *t, unsigned db, const ch
     t->table = simMemoryAdd(program->memory, SIM_AREA_DB, db,
                             (t->pairCount + SPARE_PAIRS) * PAIR, name);
     if (!t->table)
-        return fail(error, "%s cannot be DB%u: there is such a block already", name, db);
+        return simFail(error, "%s cannot be DB%u: there is such a block already", name,
+                       db);
     return 0;
 }
 
@@ -522,9 +525,10 @@ int simProgramInit(simProgram *program, unsigned txPtrsDb, unsigned rxPtrsDb,
     program->base = callocMustSucceed(1, size, "simProgramInit");
     program->echo = callocMustSucceed(SIM_ECHOES, size, "simProgramInit");
     program->remote = 1;
-    if (program->sync && (!program->tx || program->tx->size < SIM_HEADER || !program->rx ||
-                          program->rx->size < SIM_HEADER))
-        return fail(error, "with sync = on, in and out need %d bytes at least", SIM_HEADER);
+    if (program->sync && (!program->tx || program->tx->size < SIM_HEADER ||
+                          !program->rx || program->rx->size < SIM_HEADER))
+        return simFail(error, "with sync = on, in and out need %d bytes at least",
+                       SIM_HEADER);
     if (makeTable(program, &program->pack, txPtrsDb, "DB_TX_PTRS", error) ||
         makeTable(program, &program->unpack, rxPtrsDb, "DB_RX_PTRS", error))
         return -1;
@@ -628,8 +632,8 @@ static int layoutDiffers(simProgram *program)
     int wrong = program->layout && theirs && theirs != program->layout;
 
     if (wrong && !program->layoutWrong)
-        simComplain(program->name, "layout of the IOC is 0x%04x, of the PLC 0x%04x", theirs,
-                    program->layout);
+        simComplain(program->name, "layout of the IOC is 0x%04x, of the PLC 0x%04x",
+                    theirs, program->layout);
     program->layoutWrong = wrong;
     program->counts.layoutErrors += (epicsUInt64)wrong;
     return wrong;
@@ -737,7 +741,8 @@ void simProgramStatus(const simProgram *program, simText *out)
     if (!program->sync)
         return;
     simTextAdd(out, "sync: %s%s%s\n", program->synced ? "SYNC" : "none",
-               program->timedOut ? ", TIMEOUT" : "", program->layoutWrong ? ", layouts differ" : "");
+               program->timedOut ? ", TIMEOUT" : "",
+               program->layoutWrong ? ", layouts differ" : "");
     simTextAdd(out,
                "checks: %llu, %llu failed; syncs: %llu, %llu lost; watchdogs: %llu; "
                "layout errors: %llu\n",

@@ -12,12 +12,14 @@
  *      +--------+---------+--------+--------+--------     1 CHECK 2 DATA
  *
  * A transfer moves bytes between PLC memory and IE_TX or IE_RX: explicit ("DB4.DBD12 to
- * IE_TX.DBD8"), or by a pair of ANY pointers in the data blocks DB_TX_PTRS and DB_RX_PTRS:
- * source and destination, 20 bytes together; the first pair whose byte 0 is 0 ends the list.
+ * IE_TX.DBD8"), or by a pair of ANY pointers in the data blocks DB_TX_PTRS and
+ * DB_RX_PTRS: source and destination, 20 bytes together; the first pair whose byte 0 is 0
+ * ends the list.
  *
  *          0      1      2      3      4      5      6      7 ... 9
  *      +------+------+-------------+-------------+------+-------------+
- *      | 0x10 | type |    count    |  DB number  | area | bit address |   always big-endian
+ *      | 0x10 | type |    count    |  DB number  | area | bit address |   always
+ * big-endian
  *      +------+------+-------------+-------------+------+-------------+
  *
  * SPDX-License-Identifier: BSD-3-Clause
@@ -34,16 +36,19 @@
 #define SIM_TX_TIMEOUT 4 /* no block came for too long, since the last SYNC */
 #define SIM_RX_CHECK 1   /* these are the values I hold: compare */
 #define SIM_RX_DATA 2    /* setpoints */
-#define SIM_RX_ECHO 3    /* bits 3 ... 7: counter of the last block seen, for unpackMerge */
+#define SIM_RX_ECHO                                                                      \
+    3 /* bits 3 ... 7: counter of the last block seen, for unpackMerge                   \
+       */
 
 #define SIM_ANY 10 /* bytes of an ANY pointer */
 
 typedef struct simAny {
-    epicsUInt8 type;   /* Siemens code: 2 BYTE, 4 WORD, 5 INT, 6 DWORD, 7 DINT, 8 REAL, ... */
+    epicsUInt8
+        type; /* Siemens code: 2 BYTE, 4 WORD, 5 INT, 6 DWORD, 7 DINT, 8 REAL, ... */
     epicsUInt16 count; /* elements */
     epicsUInt16 db;
-    epicsUInt8 area;   /* SIM_AREA_... */
-    epicsUInt32 bit;   /* address in bits: byte 4 is 32 */
+    epicsUInt8 area; /* SIM_AREA_... */
+    epicsUInt32 bit; /* address in bits: byte 4 is 32 */
 } simAny;
 
 /* Reads "P#DB2.DBX4.0 BYTE 34", given as three words. Returns 0, or -1 and the reason. */
@@ -57,7 +62,7 @@ size_t simAnySize(const simAny *any);
 typedef enum simUnpack {
     unpackAll,     /* everything, as in the paper */
     unpackChanged, /* elements that differ from the last block that was taken */
-    unpackMerge,   /* elements that differ from the read-back the IOC had seen (its echo) */
+    unpackMerge, /* elements that differ from the read-back the IOC had seen (its echo) */
 } simUnpack;
 
 /* Two ends of an explicit transfer. */
@@ -75,8 +80,8 @@ typedef struct simTransfers {
     size_t assignCount;
     simAnyPair *pairs; /* what the table holds at a cold start */
     size_t pairCount;
-    simBlock *table;   /* DB_TX_PTRS or DB_RX_PTRS, NULL = none */
-    unsigned retVal;   /* of the last bad pointer, 0 = all were good */
+    simBlock *table; /* DB_TX_PTRS or DB_RX_PTRS, NULL = none */
+    unsigned retVal; /* of the last bad pointer, 0 = all were good */
     size_t badEntry;
 } simTransfers;
 
@@ -97,22 +102,22 @@ typedef struct simProgram {
     simTransfers pack, unpack;
     /* settings */
     int sync;
-    unsigned layout;    /* 0 = not checked */
-    double watchdog;    /* s, 0 = none */
+    unsigned layout; /* 0 = not checked */
+    double watchdog; /* s, 0 = none */
     simUnpack unpackMode;
-    int resync;         /* LOCAL to REMOTE needs a new check */
-    int refuseSync;     /* fault: CHECKSYNC always says unequal */
+    int resync;     /* LOCAL to REMOTE needs a new check */
+    int refuseSync; /* fault: CHECKSYNC always says unequal */
     void (*interfere)(void *arg, simPoint point);
     void *arg;
     /* state */
     int synced, timedOut, remote, connected;
     int layoutWrong;
-    epicsUInt8 counter;   /* of blocks sent */
-    int counterFrozen;    /* fault */
-    double lastBlock;     /* s: when a block came, or the connection */
-    epicsUInt8 *base;     /* IE_RX as it was last taken */
-    epicsUInt8 *echo;     /* SIM_ECHOES times IE_RX as the PLC would fill it */
-    char difference[96];  /* what the last CHECKSYNC found unequal */
+    epicsUInt8 counter;  /* of blocks sent */
+    int counterFrozen;   /* fault */
+    double lastBlock;    /* s: when a block came, or the connection */
+    epicsUInt8 *base;    /* IE_RX as it was last taken */
+    epicsUInt8 *echo;    /* SIM_ECHOES times IE_RX as the PLC would fill it */
+    char difference[96]; /* what the last CHECKSYNC found unequal */
     simProgramCounts counts;
 } simProgram;
 
@@ -131,14 +136,15 @@ void simProgramRestart(simProgram *program);
 
 /* What IE_COMMS is called with. */
 typedef struct simInputs {
-    double now;                 /* s */
+    double now; /* s */
     int connected;
     int remote;                 /* 0 = LOCAL */
     int send;                   /* a block is due and SEND is free */
     const epicsUInt8 *received; /* outSize bytes, NULL = nothing came */
 } simInputs;
 
-/* The heart: takes a block that came, watches the time, and packs IE_TX when one is due. */
+/* The heart: takes a block that came, watches the time, and packs IE_TX when one is due.
+ */
 void IE_COMMS(simProgram *program, const simInputs *inputs);
 /* 1 when every setpoint in IE_RX equals what the PLC holds. */
 int CHECKSYNC(simProgram *program);

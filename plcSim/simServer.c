@@ -1,5 +1,5 @@
-/* simServer: the TCP side of one PLC: listens, serves one client, sends and receives blocks.
- * It injects the faults of the wire. It does not know what is in a block.
+/* simServer: the TCP side of one PLC: listens, serves one client, sends and receives
+ * blocks. It injects the faults of the wire. It does not know what is in a block.
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */
@@ -97,15 +97,17 @@ static int bindSocket(simServer *server)
     return fd;
 }
 
-/* With a full accept queue the kernel drops a SYN without an answer, which is what a pulled
- * cable looks like from the other end. We fill the queue with connections of our own. */
+/* With a full accept queue the kernel drops a SYN without an answer, which is what a
+ * pulled cable looks like from the other end. We fill the queue with connections of our
+ * own. */
 static void fillQueue(simServer *server)
 {
     int i;
 
     listen(server->listener, 0);
     for (i = 0; i < SIM_DECOYS; i++) {
-        server->decoys[i] = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+        server->decoys[i] =
+            socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
         if (server->decoys[i] >= 0)
             connect(server->decoys[i], (struct sockaddr *)&server->address,
                     sizeof(server->address));
@@ -150,8 +152,8 @@ static int listenAgain(simServer *server)
 }
 
 int simServerOpen(simServer *server, simLoop *loop, const char *name, const char *address,
-                  unsigned port, size_t inSize, size_t outSize, const simServerEvents *events,
-                  void *owner)
+                  unsigned port, size_t inSize, size_t outSize,
+                  const simServerEvents *events, void *owner)
 {
     int i;
 
@@ -276,7 +278,8 @@ static int isDecoy(simServer *server, const struct sockaddr_in *peer)
         length = sizeof(own);
         if (server->decoys[i] >= 0 &&
             getsockname(server->decoys[i], (struct sockaddr *)&own, &length) == 0 &&
-            own.sin_port == peer->sin_port && own.sin_addr.s_addr == peer->sin_addr.s_addr)
+            own.sin_port == peer->sin_port &&
+            own.sin_addr.s_addr == peer->sin_addr.s_addr)
             return 1;
     }
     return 0;
@@ -333,7 +336,8 @@ static int maySend(const simServer *server)
 
 static size_t blockSize(const simServer *server)
 {
-    return server->faults.truncate >= 0 ? (size_t)server->faults.truncate : server->inSize;
+    return server->faults.truncate >= 0 ? (size_t)server->faults.truncate
+                                        : server->inSize;
 }
 
 static int isFull(const simServer *server)
@@ -492,7 +496,8 @@ static void update(simServer *server)
     if (maySend(server)) {
         c = (chunk *)ellFirst(&server->queue);
         if (c && notBefore(server, c) > simNow())
-            simTimerSet(server->loop, &server->timer, notBefore(server, c), onTimer, server);
+            simTimerSet(server->loop, &server->timer, notBefore(server, c), onTimer,
+                        server);
         else if (c || server->faults.flood)
             events |= POLLOUT;
     }
@@ -636,7 +641,8 @@ void simServerFragment(simServer *server, size_t bytes, double pause)
     update(server);
 }
 
-/* The listening socket stays, so that connects which were tried meanwhile come through. */
+/* The listening socket stays, so that connects which were tried meanwhile come through.
+ */
 static void plugIn(simServer *server)
 {
     if (server->down || server->faults.refuse || listen(server->listener, BACKLOG)) {

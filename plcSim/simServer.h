@@ -1,5 +1,5 @@
-/* simServer: the TCP side of one PLC: listens, serves one client, sends and receives blocks.
- * It injects the faults of the wire. It does not know what is in a block.
+/* simServer: the TCP side of one PLC: listens, serves one client, sends and receives
+ * blocks. It injects the faults of the wire. It does not know what is in a block.
  *
  * All functions run in the thread of the loop and never block.
  *
@@ -25,16 +25,17 @@ typedef struct simServerEvents {
 } simServerEvents;
 
 typedef struct simFaults {
-    int silence;          /* send nothing */
-    int refuse;           /* new connections get RST */
-    int stall;            /* read nothing: the client's send backs up */
-    int unplugged;        /* cable pulled: send and read nothing, new connections get no answer */
-    int flood;            /* send as fast as the socket takes */
-    size_t fragment;      /* send pieces of this many bytes, 0 = off */
+    int silence;     /* send nothing */
+    int refuse;      /* new connections get RST */
+    int stall;       /* read nothing: the client's send backs up */
+    int unplugged;   /* cable pulled: send and read nothing, new connections get no answer
+                      */
+    int flood;       /* send as fast as the socket takes */
+    size_t fragment; /* send pieces of this many bytes, 0 = off */
     double fragmentPause; /* s between pieces */
     double delay;         /* s that each block leaves late */
     long truncate;        /* send blocks of this many bytes, -1 = off */
-    long cut;             /* reset the connection after so many received bytes, -1 = off */
+    long cut; /* reset the connection after so many received bytes, -1 = off */
 } simFaults;
 
 typedef struct simServerCounts {
@@ -51,30 +52,31 @@ typedef struct simServer {
     const simServerEvents *events;
     void *owner;
     size_t inSize, outSize; /* bytes PLC->IOC and IOC->PLC */
-    int keepFirst;          /* a second client is sent away instead of replacing the first */
-    int receiveBuffer;      /* bytes for SO_RCVBUF, 0 = system default */
+    int keepFirst;     /* a second client is sent away instead of replacing the first */
+    int receiveBuffer; /* bytes for SO_RCVBUF, 0 = system default */
     struct sockaddr_in address;
-    int listener, client;   /* descriptors, -1 = none */
-    int down;               /* PLC is off */
+    int listener, client; /* descriptors, -1 = none */
+    int down;             /* PLC is off */
     char peer[64];
-    ELLLIST queue;          /* what is to be sent */
-    size_t queued;          /* bytes in it */
-    int corked;             /* blocks are being collected, to leave together */
-    double nextPiece;       /* fragment: not before */
+    ELLLIST queue;    /* what is to be sent */
+    size_t queued;    /* bytes in it */
+    int corked;       /* blocks are being collected, to leave together */
+    double nextPiece; /* fragment: not before */
     simTimer timer;
-    epicsUInt8 *inbox;      /* the block that is arriving */
+    epicsUInt8 *inbox; /* the block that is arriving */
     size_t filled;
     double connectTime, receiveTime;
     simFaults faults;
     simServerCounts counts;
-    int decoys[SIM_DECOYS]; /* own connections that fill the accept queue while unplugged */
+    int decoys[SIM_DECOYS]; /* own connections that fill the accept queue while unplugged
+                             */
 } simServer;
 
 /* Starts listening on address:port (0 = any free port). Returns 0, or -1 after a message.
  * name, events and owner must outlive the server. */
 int simServerOpen(simServer *server, simLoop *loop, const char *name, const char *address,
-                  unsigned port, size_t inSize, size_t outSize, const simServerEvents *events,
-                  void *owner);
+                  unsigned port, size_t inSize, size_t outSize,
+                  const simServerEvents *events, void *owner);
 void simServerClose(simServer *server);
 
 /* "127.0.0.1:40123"; static text. */
@@ -91,8 +93,8 @@ int simServerReady(const simServer *server);
 /* Sends n random bytes between two blocks. Returns -1 when not connected. */
 int simServerGarbage(simServer *server, size_t n);
 
-/* Takes back blocks that have not begun to leave. Where one is half out, the connection is
- * reset, since it could only go on with the rest of that block. */
+/* Takes back blocks that have not begun to leave. Where one is half out, the connection
+ * is reset, since it could only go on with the rest of that block. */
 void simServerForget(simServer *server);
 
 /* Ends the connection with FIN, or with RST. The owner is told. */

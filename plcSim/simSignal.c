@@ -4,7 +4,6 @@
  * SPDX-License-Identifier: BSD-3-Clause
  */
 #include <math.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,12 +11,20 @@
 
 #include <epicsString.h>
 
+#include "simLog.h"
 #include "simSignal.h"
 
 #define PI 3.14159265358979323846
 
 /* How the words behind the name of a shape are read. */
-typedef enum simArgs { argValue, argRange, argRangePeriod, argPeriod, argTexts, argOffset } simArgs;
+typedef enum simArgs {
+    argValue,
+    argRange,
+    argRangePeriod,
+    argPeriod,
+    argTexts,
+    argOffset
+} simArgs;
 
 struct simShape {
     const char *name;
@@ -26,18 +33,6 @@ struct simShape {
     double (*value)(const simSignal *signal, const simMoment *moment, double phase);
     const char *usage;
 };
-
-static int fail(char error[SIM_ERROR_SIZE], const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
-
-static int fail(char error[SIM_ERROR_SIZE], const char *format, ...)
-{
-    va_list args;
-
-    va_start(args, format);
-    vsnprintf(error, SIM_ERROR_SIZE, format, args);
-    va_end(args);
-    return -1;
-}
 
 /* ---- shapes ---- */
 
@@ -48,7 +43,8 @@ static double turn(const simSignal *signal, const simMoment *moment, double phas
     return turns - floor(turns);
 }
 
-static double constantValue(const simSignal *signal, const simMoment *moment, double phase)
+static double constantValue(const simSignal *signal, const simMoment *moment,
+                            double phase)
 {
     (void)moment;
     (void)phase;
@@ -79,18 +75,19 @@ static double noiseValue(const simSignal *signal, const simMoment *moment, doubl
     x = (x ^ x >> 30) * 0xbf58476d1ce4e5b9ull;
     x = (x ^ x >> 27) * 0x94d049bb133111ebull;
     x ^= x >> 31;
-    return signal->low + (signal->high - signal->low) * ((double)(x >> 11) / 9007199254740992.0);
+    return signal->low +
+           (signal->high - signal->low) * ((double)(x >> 11) / 9007199254740992.0);
 }
 
 static const struct simShape shapes[] = {
-    {"constant", argValue,       constantValue, "<value>"                },
-    {"ramp",     argRangePeriod, rampValue,     "<low> <high> <period>"  },
-    {"sine",     argRangePeriod, sineValue,     "<low> <high> <period>"  },
-    {"square",   argRangePeriod, squareValue,   "<low> <high> <period>"  },
-    {"noise",    argRange,       noiseValue,    "<low> <high>"           },
-    {"counter",  argPeriod,      NULL,          "[<period>]"             },
+    {"constant", argValue,       constantValue, "<value>"                   },
+    {"ramp",     argRangePeriod, rampValue,     "<low> <high> <period>"     },
+    {"sine",     argRangePeriod, sineValue,     "<low> <high> <period>"     },
+    {"square",   argRangePeriod, squareValue,   "<low> <high> <period>"     },
+    {"noise",    argRange,       noiseValue,    "<low> <high>"              },
+    {"counter",  argPeriod,      NULL,          "[<period>]"                },
     {"text",     argTexts,       NULL,          "\"a\" [\"b\" ... <period>]"},
-    {"clock",    argOffset,      NULL,          "[<offset>]"             },
+    {"clock",    argOffset,      NULL,          "[<offset>]"                },
 };
 
 /* ---- reading ---- */
@@ -113,7 +110,8 @@ int simTimeParse(const char *text, double *seconds, char error[SIM_ERROR_SIZE])
     size_t i;
 
     if (end == text || !isfinite(value))
-        return fail(error, "\"%.40s\" is no time: allowed are 100 ms, 2 s, 1.5 min", text);
+        return simFail(error, "\"%.40s\" is no time: allowed are 100 ms, 2 s, 1.5 min",
+                       text);
     while (*end == ' ' || *end == '\t')
         end++;
     for (i = 0; i < sizeof(units) / sizeof(units[0]); i++) {
@@ -122,7 +120,7 @@ int simTimeParse(const char *text, double *seconds, char error[SIM_ERROR_SIZE])
         *seconds = value * units[i].seconds;
         return 0;
     }
-    return fail(error, "\"%.40s\": unknown unit, allowed are us ms s min h", text);
+    return simFail(error, "\"%.40s\": unknown unit, allowed are us ms s min h", text);
 }
 
 static int realArg(const char *word, double *value, char error[SIM_ERROR_SIZE])
@@ -131,7 +129,7 @@ static int realArg(const char *word, double *value, char error[SIM_ERROR_SIZE])
 
     *value = strtod(word, &end);
     if (end == word || *end || !isfinite(*value))
-        return fail(error, "\"%.40s\" is no number", word);
+        return simFail(error, "\"%.40s\" is no number", word);
     return 0;
 }
 
@@ -140,18 +138,19 @@ static int periodArg(const char *word, double *period, char error[SIM_ERROR_SIZE
     if (simTimeParse(word, period, error))
         return -1;
     if (*period < 1e-6)
-        return fail(error, "\"%.40s\": a period must be greater than 0", word);
+        return simFail(error, "\"%.40s\": a period must be greater than 0", word);
     return 0;
 }
 
-static int textArgs(char **words, size_t count, simSignal *signal, char error[SIM_ERROR_SIZE])
+static int textArgs(char **words, size_t count, simSignal *signal,
+                    char error[SIM_ERROR_SIZE])
 {
     size_t texts = count > 1 ? count - 1 : count;
     size_t i;
 
     if (count < 1 || texts > SIM_MAX_TEXTS)
-        return fail(error, "text wants 1 ... %d texts, and a period behind several",
-                    SIM_MAX_TEXTS);
+        return simFail(error, "text wants 1 ... %d texts, and a period behind several",
+                       SIM_MAX_TEXTS);
     signal->period = 1;
     if (count > 1 && periodArg(words[count - 1], &signal->period, error))
         return -1;
@@ -160,19 +159,23 @@ static int textArgs(char **words, size_t count, simSignal *signal, char error[SI
     return 0;
 }
 
-static int shapeArgs(char **words, size_t count, simSignal *signal, char error[SIM_ERROR_SIZE])
+static int shapeArgs(char **words, size_t count, simSignal *signal,
+                     char error[SIM_ERROR_SIZE])
 {
     static const struct {
         size_t min, max;
     } wanted[] = {
-        [argValue] = {1, 1},       [argRange] = {2, 2},  [argRangePeriod] = {3, 3},
-        [argPeriod] = {0, 1},      [argTexts] = {1, SIM_MAX_TEXTS + 1},
-        [argOffset] = {0, 1},
+        [argValue] = {1, 1                },
+        [argRange] = {2, 2                },
+        [argRangePeriod] = {3, 3                },
+        [argPeriod] = {0, 1                },
+        [argTexts] = {1, SIM_MAX_TEXTS + 1},
+        [argOffset] = {0, 1                },
     };
     simArgs args = signal->shape->args;
 
     if (count < wanted[args].min || count > wanted[args].max)
-        return fail(error, "%s wants: %s", signal->shape->name, signal->shape->usage);
+        return simFail(error, "%s wants: %s", signal->shape->name, signal->shape->usage);
     switch (args) {
     case argValue:
         return realArg(words[0], &signal->low, error);
@@ -181,7 +184,8 @@ static int shapeArgs(char **words, size_t count, simSignal *signal, char error[S
             return -1;
         /* fall through */
     case argRange:
-        return realArg(words[0], &signal->low, error) || realArg(words[1], &signal->high, error)
+        return realArg(words[0], &signal->low, error) ||
+                       realArg(words[1], &signal->high, error)
                    ? -1
                    : 0;
     case argPeriod:
@@ -203,7 +207,8 @@ static int shapeFits(const simSignal *signal)
         return kind == simString;
     if (args == argOffset)
         return kind == simBcd || kind == simDtl;
-    return kind == simBool || kind == simInteger || kind == simUnsigned || kind == simReal;
+    return kind == simBool || kind == simInteger || kind == simUnsigned ||
+           kind == simReal;
 }
 
 static const struct simShape *findShape(const char *name)
@@ -221,25 +226,27 @@ int simSignalParse(const simMemory *mem, simBlock *byDefault, char **words, size
 {
     memset(signal, 0, sizeof(*signal));
     if (count < 3)
-        return fail(error, "a signal wants: <place> <type> <kind> ...");
+        return simFail(error, "a signal wants: <place> <type> <kind> ...");
     if (simPlaceParse(mem, words[0], byDefault, &signal->place, error) ||
         simTypeParse(words[1], &signal->type, error) ||
         simPlaceCheck(&signal->place, &signal->type, error))
         return -1;
     signal->shape = findShape(words[2]);
     if (!signal->shape)
-        return fail(error,
-                    "\"%.40s\" is no kind of signal: allowed are constant ramp sine square "
-                    "noise counter text clock",
-                    words[2]);
+        return simFail(
+            error,
+            "\"%.40s\" is no kind of signal: allowed are constant ramp sine square "
+            "noise counter text clock",
+            words[2]);
     if (!shapeFits(signal))
-        return fail(error, "%s cannot be written as %s", signal->shape->name,
-                    signal->type.info->name);
+        return simFail(error, "%s cannot be written as %s", signal->shape->name,
+                       signal->type.info->name);
     if (shapeArgs(words + 3, count - 3, signal, error)) {
         simSignalFree(signal);
         return -1;
     }
-    signal->seed = (unsigned)(signal->place.offset * 8 + signal->place.block->number * 524309u);
+    signal->seed =
+        (unsigned)(signal->place.offset * 8 + signal->place.block->number * 524309u);
     return 0;
 }
 
@@ -264,9 +271,9 @@ static void writeCounter(const simMemory *mem, const simSignal *signal,
                          const simMoment *moment, epicsUInt8 *p)
 {
     const simTypeInfo *info = signal->type.info;
-    epicsUInt64 value = signal->period > 0
-                            ? (epicsUInt64)(epicsInt64)floor(moment->time / signal->period)
-                            : moment->block;
+    epicsUInt64 value =
+        signal->period > 0 ? (epicsUInt64)(epicsInt64)floor(moment->time / signal->period)
+                           : moment->block;
     size_t i;
 
     for (i = 0; i < signal->type.count; i++, p += info->size) {
@@ -285,11 +292,13 @@ static void writeNumbers(const simMemory *mem, const simSignal *signal,
     size_t i;
 
     for (i = 0; i < signal->type.count; i++)
-        simPutReal(info, p + i * info->size, signal->place.bit, mem->bigEndian,
-                   signal->shape->value(signal, moment, (double)i / (double)signal->type.count));
+        simPutReal(
+            info, p + i * info->size, signal->place.bit, mem->bigEndian,
+            signal->shape->value(signal, moment, (double)i / (double)signal->type.count));
 }
 
-void simSignalWrite(const simMemory *mem, const simSignal *signal, const simMoment *moment)
+void simSignalWrite(const simMemory *mem, const simSignal *signal,
+                    const simMoment *moment)
 {
     epicsUInt8 *p = signal->place.block->bytes + signal->place.offset;
     size_t which;
@@ -299,7 +308,8 @@ void simSignalWrite(const simMemory *mem, const simSignal *signal, const simMome
         writeCounter(mem, signal, moment, p);
         break;
     case argTexts:
-        which = (size_t)fmod(floor(moment->time / signal->period), (double)signal->textCount);
+        which =
+            (size_t)fmod(floor(moment->time / signal->period), (double)signal->textCount);
         simPutText(p, simTypeSize(&signal->type), signal->texts[which]);
         break;
     case argOffset:

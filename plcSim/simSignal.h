@@ -49,6 +49,7 @@ void simSignalFree(simSignal *signal);
 /* True when the signal is a counter: `freeze heartbeat` stops these. */
 int simSignalIsCounter(const simSignal *signal);
 /* Writes the value of this moment. */
-void simSignalWrite(const simMemory *mem, const simSignal *signal, const simMoment *moment);
+void simSignalWrite(const simMemory *mem, const simSignal *signal,
+                    const simMoment *moment);
 
 #endif

@@ -13,7 +13,7 @@
 typedef struct simulator {
     simLoop loop;
     simConfig config;
-    simPlc plc[2]; /* one, or FIRST and SECOND */
+    simPlc plc[2];   /* one, or FIRST and SECOND */
     simPair pair[2]; /* beside it, when there is a pair */
     int count;
     int isPair;
