@@ -14,6 +14,26 @@
 
 #include <epicsExport.h> /* last */
 
+/* What makes no sense for a pair, beside what makes none for any PLC. */
+static int refusePair(const char *command, const char *name, const char *address,
+                      const char *inSize)
+{
+    size_t length = strcspn(address, ",");
+    const char *error = NULL;
+
+    if (!address[0])
+        error = "a pair needs an address: of FIRST (SECOND is IPaddr+1), or \"FIRST,SECOND\"";
+    else if (address[length] && strlen(address) == 2 * length + 1 &&
+             strncmp(address, address + length + 1, length) == 0)
+        error = "FIRST and SECOND have the same address; allowed: two different ones";
+    else if (inSize && strtol(inSize, NULL, 0) == 0)
+        error = "inSize=0; allowed with redundancy=1: 1 to 16777216 bytes: who sends blocks "
+                "is PRIMARY";
+    if (error)
+        errlogSevPrintf(errlogMajor, "%s %s: %s\n", command, name, error);
+    return error != NULL;
+}
+
 int phoenixplcConfigure(const char *const args[9])
 {
     static const char command[] = "phoenixplcConfigure";
@@ -31,6 +51,8 @@ int phoenixplcConfigure(const char *const args[9])
         return plcConfigure(command, args, &plcSingle, NULL) ? 0 : -1;
     if (plcStationFind(name)) /* plcConfigure refuses it in its own words */
         return plcConfigure(command, args, &phoenixPolicy, NULL) ? 0 : -1;
+    if (refusePair(command, name, args[1] ? args[1] : "", args[3]))
+        return -1;
     pair = phoenixPairCreate(name);
     if (plcConfigure(command, args, &phoenixPolicy, pair))
         return 0;

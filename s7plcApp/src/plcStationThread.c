@@ -343,8 +343,9 @@ static void lineFailed(plcStation *s, unsigned i, epicsUInt64 now, const char *w
         setReason(s, why);
     if (!line->logged) {
         line->logged = 1;
-        epicsSnprintf(text, sizeof(text), "cannot connect to %s%s port %d: %s; trying on",
-                      lineName(s, i), s->address[i], line->port, why);
+        epicsSnprintf(text, sizeof(text), "cannot connect to %s%s%s port %d: %s; trying on",
+                      lineName(s, i), s->address[i], s->plus[i] ? "+1" : "", line->port,
+                      why);
         logLine(s, errlogMajor, now, text);
     }
     if (s->leader < 0 && !line->wrongSize && !(isPair(s) && (s->valid || otherIsUp(s, i))))
@@ -392,12 +393,12 @@ static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
 
     if (!line->wrongSize) {
         if (line->lostAt)
-            epicsSnprintf(text, sizeof(text), "%sconnected to %s port %d, after %.1f s",
-                          lineName(s, i), s->address[i], line->port,
-                          (now - line->lostAt) * 1e-9);
+            epicsSnprintf(text, sizeof(text), "%sconnected to %s%s port %d, after %.1f s",
+                          lineName(s, i), s->address[i], s->plus[i] ? "+1" : "",
+                          line->port, (now - line->lostAt) * 1e-9);
         else
-            epicsSnprintf(text, sizeof(text), "%sconnected to %s port %d", lineName(s, i),
-                          s->address[i], line->port);
+            epicsSnprintf(text, sizeof(text), "%sconnected to %s%s port %d", lineName(s, i),
+                          s->address[i], s->plus[i] ? "+1" : "", line->port);
         logLine(s, errlogInfo, now, text);
     }
     line->logged = 0;
