@@ -135,6 +135,21 @@ static size_t stringLength(dbCommon *prec, const plcLink *link, size_t room)
     return room;
 }
 
+/* Where the PLC shows this output: R=, or the station's mirror of the whole block. */
+static int placeReadback(devRecord *dev, const plcLink *link, plcLinkError *error)
+{
+    long mirror = plcStationMirror(dev->station);
+
+    if (mirror < 0)
+        return 0;
+    if (link->has & plcHasR && link->readback != mirror + dev->offset)
+        return devFail(error, link->column.R, "the PLC's option readback=%ld shows this "
+                       "place at %ld; leave R= out", mirror, mirror + (long)dev->offset);
+    dev->has |= plcHasR;
+    dev->readback = mirror + dev->offset;
+    return 0;
+}
+
 /* Fills dev from the completed link. */
 static int place(dbCommon *prec, devRecord *dev, const plcLink *link, size_t room,
                  plcLinkError *error)
@@ -163,7 +178,12 @@ static int place(dbCommon *prec, devRecord *dev, const plcLink *link, size_t roo
         return -1;
     if (dev->buffered)
         dev->buffer = callocMustSucceed(1, dev->length, "S7plc buffer");
-    return 0;
+    if (out && dev->offset < plcStationHeader(dev->station))
+        return devFail(error, link->column.offset, "bytes 0 to %u are the header of the "
+                       "sync handshake; allowed: %u and up",
+                       (unsigned)plcStationHeader(dev->station) - 1,
+                       (unsigned)plcStationHeader(dev->station));
+    return out ? placeReadback(dev, link, error) : 0;
 }
 
 /* A link that is accepted, but looks like a mistake. */
@@ -199,6 +219,7 @@ static void release(devRecord *dev)
 {
     if (!dev)
         return;
+    devFollowLeave(dev);
     if (dev->shifted)
         *dev->shifted = dev->unshifted;
     free(dev->reason);
@@ -215,6 +236,8 @@ static void attach(dbCommon *prec)
 
     prec->dpvt = dev;
     if (resolve(prec, dev, text, &error) == 0) {
+        if (dev->has & plcHasR)
+            devFollowJoin(prec, dev);
         return;
     }
     dev->station = NULL;
@@ -366,16 +389,21 @@ long devFetchInt(dbCommon *prec, epicsInt64 *value)
 
 long devStore(dbCommon *prec, const void *bytes, const void *mask)
 {
-    const devRecord *dev = devOf(prec);
+    devRecord *dev = devOf(prec);
     char reason[PLC_REASON_SIZE];
 
     if (!dev)
         return -1;
     devStampNow(prec);
     reason[0] = 0;
-    if (plcStationWrite(dev->station, dev->offset, dev->length, bytes, mask,
-                        reason))
+    dev->refused = plcStationWrite(dev->station, dev->offset, dev->length, bytes, mask,
+                                   reason) != 0;
+    if (dev->refused)
         return devRefuseWrite(prec, "%s", reason);
+    if (dev->shown)
+        devShow(dev);
+    if (dev->shown && !reason[0] && !plcStationTaken(dev->station))
+        epicsSnprintf(reason, sizeof(reason), "waiting for the PLC's value");
     if (!reason[0])
         return 0;
     recGblSetSevrMsg(prec, COMM_ALARM, INVALID_ALARM, "%s", reason);

@@ -15,6 +15,7 @@
 
 #include <dbCommon.h>
 #include <devSup.h>
+#include <ellLib.h>
 #include <epicsTypes.h>
 
 #include "plcLink.h"
@@ -46,6 +47,13 @@ typedef struct devRecord {
     epicsUInt32 unshifted; /* and what it was; NULL and 0 else */
     int buffered;        /* prepare sets this: make a buffer */
     epicsUInt8 *buffer;  /* strings, arrays: `length` bytes in wire order, else NULL */
+    /* outputs with a read-back */
+    ELLNODE node;        /* in the list of records that follow */
+    dbCommon *prec;
+    epicsUInt8 *shown;   /* the bytes that VAL shows now, NULL: no read-back */
+    int known;           /* shown is filled */
+    int following;       /* the record processes in order to follow, not to write */
+    int refused;         /* the write that runs was refused by the station */
 } devRecord;
 
 /* One row per record type. A dset (its head is all that Base sees), with what the generic
@@ -67,10 +75,24 @@ typedef struct devSupport {
      * Returns 0 or -1 with *error. NULL: nothing to prepare. */
     int (*prepare)(dbCommon *prec, devRecord *dev, const plcLink *link,
                    plcLinkError *error);
+    /* Outputs, whose transfer is devWrite: writes the value; sets the value from bytes in
+     * wire order, as a put would have set it, without writing. */
+    long (*write)(dbCommon *prec);
+    void (*follow)(dbCommon *prec, const devRecord *dev, const epicsUInt8 *bytes);
 } devSupport;
 
 /* The head of every row. */
 #define DEV_DSET {6, NULL, devInit, devInitRecord, devIointInfo}
+
+/* The transfer of all outputs: writes, or follows the PLC's value. */
+long devWrite(dbCommon *prec);
+
+/* The record follows the read-back of its place from now on / no longer. */
+void devFollowJoin(dbCommon *prec, devRecord *dev);
+void devFollowLeave(devRecord *dev);
+
+/* VAL shows what the output image holds now. */
+void devShow(devRecord *dev);
 
 /* Functions of the dset, the same for all record types. */
 long devInit(int after);

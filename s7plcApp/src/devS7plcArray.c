@@ -178,6 +178,18 @@ static long writeAao(dbCommon *common)
     return devStore(common, dev->buffer, NULL);
 }
 
+static void followAao(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
+{
+    aaoRecord *prec = (aaoRecord *)common;
+
+    if (dev->type->kind == plcBcd)
+        plcBcdDecode(prec->bptr, bytes, dev->length);
+    else
+        plcCopyElements(prec->bptr, bytes, dev->type->size, dev->length / dev->type->size,
+                        dev->bigEndian);
+    prec->nord = prec->nelm;
+}
+
 static int adaptAao(dbCommon *common, const plcLink *link, plcShape *shape, size_t *room,
                     plcLinkError *error)
 {
@@ -199,11 +211,12 @@ static int prepareAao(dbCommon *common, devRecord *dev, const plcLink *link,
 
 /* clang-format off */
 const devSupport devS7plcWaveform = {DEV_DSET, readWaveform, NULL, "S7plc", "INP", devIn,
-    {"waveform", 0, 0, plcHasL, NULL}, 0, adaptWaveform, prepareWaveform};
+    {"waveform", 0, 0, plcHasL, NULL}, 0, adaptWaveform, prepareWaveform, NULL, NULL};
 const devSupport devS7plcAai = {DEV_DSET, readAai, NULL, "S7plc", "INP", devIn,
-    {"aai", 0, 0, plcHasL, NULL}, 0, adaptAai, prepareAai};
-const devSupport devS7plcAao = {DEV_DSET, writeAao, NULL, "S7plc", "OUT", devOut,
-    {"aao", 0, 0, plcHasL | plcHasR, NULL}, 0, adaptAao, prepareAao};
+    {"aai", 0, 0, plcHasL, NULL}, 0, adaptAai, prepareAai, NULL, NULL};
+const devSupport devS7plcAao = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
+    {"aao", 0, 0, plcHasL | plcHasR, NULL}, 0, adaptAao, prepareAao,
+    writeAao, followAao};
 /* clang-format on */
 
 epicsExportAddress(dset, devS7plcWaveform);

@@ -243,30 +243,158 @@ static int adaptLso(dbCommon *common, const plcLink *link, plcShape *shape, size
     return 0;
 }
 
+/* --- Following: the value comes from the PLC ---------------------------------------------- */
+
+static void followAo(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
+{
+    aoRecord *prec = (aoRecord *)common;
+    double value;
+
+    if (dev->type->kind == plcReal) {
+        value = plcGetReal(dev->type, bytes, dev->bigEndian);
+    } else {
+        epicsInt64 raw = plcGetInt(dev->type, bytes, dev->bigEndian);
+
+        prec->rval = (epicsInt32)raw;
+        value = (double)raw + prec->roff;
+    }
+    if (prec->aslo != 0.0)
+        value *= prec->aslo;
+    value += prec->aoff;
+    if (dev->type->kind != plcReal) {
+        if (prec->linr == menuConvertLINEAR || prec->linr == menuConvertSLOPE)
+            value = value * prec->eslo + prec->eoff;
+        else if (prec->linr != menuConvertNO_CONVERSION)
+            cvtRawToEngBpt(&value, prec->linr, prec->init, (void *)&prec->pbrk,
+                           &prec->lbrk);
+    }
+    prec->val = prec->oval = prec->pval = value;
+}
+
+/* calcout has no value of its own to set: OVAL shows the PLC's until the next calculation. */
+static void followCalcout(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
+{
+    ((calcoutRecord *)common)->oval =
+        dev->type->kind == plcReal ? plcGetReal(dev->type, bytes, dev->bigEndian)
+                                   : (double)plcGetInt(dev->type, bytes, dev->bigEndian);
+}
+
+static void followBo(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
+{
+    boRecord *prec = (boRecord *)common;
+    epicsInt64 raw = plcGetInt(dev->type, bytes, dev->bigEndian);
+
+    prec->val = (raw & (epicsInt64)dev->mask) != 0;
+    prec->rval = prec->val ? prec->mask : 0;
+}
+
+/* The state whose value this is; without states the number itself. */
+static void followMbbo(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
+{
+    mbboRecord *prec = (mbboRecord *)common;
+    const epicsUInt32 *states = &prec->zrvl;
+    epicsUInt32 value;
+    int i;
+
+    prec->rval = (epicsUInt32)plcGetInt(dev->type, bytes, dev->bigEndian) & prec->mask;
+    value = prec->shft < 32 ? prec->rval >> prec->shft : 0;
+    if (!prec->sdef) {
+        prec->val = (epicsEnum16)value;
+        return;
+    }
+    prec->val = 65535; /* unknown state */
+    for (i = 0; i < 16; i++)
+        if (states[i] == value) {
+            prec->val = (epicsEnum16)i;
+            return;
+        }
+}
+
+static void followMbboDirect(dbCommon *common, const devRecord *dev,
+                             const epicsUInt8 *bytes)
+{
+    mbboDirectRecord *prec = (mbboDirectRecord *)common;
+    epicsUInt8 *bit = &prec->b0;
+    unsigned bits = (unsigned)sizeof(prec->val) * 8, i;
+
+    prec->rval = (epicsUInt32)plcGetInt(dev->type, bytes, dev->bigEndian) & prec->mask;
+    prec->val = prec->shft < 32 ? prec->rval >> prec->shft : 0;
+    for (i = 0; i < bits; i++)
+        bit[i] = prec->val >> i & 1;
+}
+
+static void followLongout(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
+{
+    ((longoutRecord *)common)->val =
+        (epicsInt32)plcGetInt(dev->type, bytes, dev->bigEndian);
+}
+
+static void followInt64out(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
+{
+    ((int64outRecord *)common)->val = plcGetInt(dev->type, bytes, dev->bigEndian);
+}
+
+/* Up to the first NUL; returns the length. */
+static size_t followString(char *text, size_t size, const devRecord *dev,
+                           const epicsUInt8 *bytes)
+{
+    size_t max = dev->length < size ? dev->length : size - 1;
+    const epicsUInt8 *nul = memchr(bytes, 0, max);
+    size_t length = nul ? (size_t)(nul - bytes) : max;
+
+    memcpy(text, bytes, length);
+    text[length] = 0;
+    return length;
+}
+
+static void followStringout(dbCommon *common, const devRecord *dev,
+                            const epicsUInt8 *bytes)
+{
+    stringoutRecord *prec = (stringoutRecord *)common;
+
+    followString(prec->val, sizeof(prec->val), dev, bytes);
+}
+
+static void followLso(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
+{
+    lsoRecord *prec = (lsoRecord *)common;
+
+    prec->len = (epicsUInt32)followString(prec->val, prec->sizv, dev, bytes) + 1;
+}
+
 /* --- The rows ---------------------------------------------------------------------------- */
 
 #define ANALOG (plcInteger | plcReal)
 
 /* clang-format off */
-const devSupport devS7plcAo = {DEV_DSET, writeAo, linconvAo, "S7plc", "OUT", devOut,
-    {"ao", ANALOG, 4, plcHasL | plcHasH | plcHasR, "INT16"}, 2, NULL, prepareAo};
-const devSupport devS7plcCalcout = {DEV_DSET, writeCalcout, NULL, "S7plc", "OUT", devOut,
-    {"calcout", ANALOG, 4, plcHasL | plcHasH | plcHasR, "INT16"}, 0, NULL, NULL};
-const devSupport devS7plcBo = {DEV_DSET, writeBo, NULL, "S7plc", "OUT", devOut,
-    {"bo", plcInteger, 8, plcHasB | plcHasR, "INT16"}, 2, NULL, prepareBo};
-const devSupport devS7plcMbbo = {DEV_DSET, writeMbbo, NULL, "S7plc", "OUT", devOut,
-    {"mbbo", plcInteger, 4, plcHasR, "INT16"}, 2, NULL, prepareMbbo};
-const devSupport devS7plcMbboDirect = {DEV_DSET, writeMbboDirect, NULL, "S7plc", "OUT", devOut,
-    {"mbboDirect", plcInteger, 4, plcHasR, "INT16"}, 2, NULL, prepareMbboDirect};
-const devSupport devS7plcLongout = {DEV_DSET, writeLongout, NULL, "S7plc", "OUT", devOut,
-    {"longout", plcInteger, 4, plcHasR, "INT16"}, 0, NULL, NULL};
-const devSupport devS7plcInt64out = {DEV_DSET, writeInt64out, NULL, "S7plc", "OUT", devOut,
-    {"int64out", plcInteger, 8, plcHasR, "INT16"}, 0, NULL, NULL};
-const devSupport devS7plcStringout = {DEV_DSET, writeStringout, NULL, "S7plc", "OUT", devOut,
+const devSupport devS7plcAo = {DEV_DSET, devWrite, linconvAo, "S7plc", "OUT", devOut,
+    {"ao", ANALOG, 4, plcHasL | plcHasH | plcHasR, "INT16"}, 2, NULL, prepareAo,
+    writeAo, followAo};
+const devSupport devS7plcCalcout = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
+    {"calcout", ANALOG, 4, plcHasL | plcHasH | plcHasR, "INT16"}, 0, NULL, NULL,
+    writeCalcout, followCalcout};
+const devSupport devS7plcBo = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
+    {"bo", plcInteger, 8, plcHasB | plcHasR, "INT16"}, 2, NULL, prepareBo,
+    writeBo, followBo};
+const devSupport devS7plcMbbo = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
+    {"mbbo", plcInteger, 4, plcHasR, "INT16"}, 2, NULL, prepareMbbo,
+    writeMbbo, followMbbo};
+const devSupport devS7plcMbboDirect = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
+    {"mbboDirect", plcInteger, 4, plcHasR, "INT16"}, 2, NULL, prepareMbboDirect,
+    writeMbboDirect, followMbboDirect};
+const devSupport devS7plcLongout = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
+    {"longout", plcInteger, 4, plcHasR, "INT16"}, 0, NULL, NULL,
+    writeLongout, followLongout};
+const devSupport devS7plcInt64out = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
+    {"int64out", plcInteger, 8, plcHasR, "INT16"}, 0, NULL, NULL,
+    writeInt64out, followInt64out};
+const devSupport devS7plcStringout = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
     {"stringout", plcString, 1, plcHasL | plcHasR, "STRING"}, 0, adaptStringout,
-    devPrepareString};
-const devSupport devS7plcLso = {DEV_DSET, writeLso, NULL, "S7plc", "OUT", devOut,
-    {"lso", plcString, 1, plcHasL | plcHasR, "STRING"}, 0, adaptLso, devPrepareString};
+    devPrepareString,
+    writeStringout, followStringout};
+const devSupport devS7plcLso = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
+    {"lso", plcString, 1, plcHasL | plcHasR, "STRING"}, 0, adaptLso, devPrepareString,
+    writeLso, followLso};
 /* clang-format on */
 
 epicsExportAddress(dset, devS7plcAo);

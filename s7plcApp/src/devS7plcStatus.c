@@ -58,9 +58,10 @@ static int prepareAddr(dbCommon *common, devRecord *dev, const plcLink *link,
 
 /* clang-format off */
 const devSupport devS7plcStat = {DEV_DSET, readStat, NULL, "S7plc stat", "INP", devStatus,
-    {"bi", 0, 0, 0, NULL}, 0, NULL, NULL};
+    {"bi", 0, 0, 0, NULL}, 0, NULL, NULL, NULL, NULL};
 const devSupport devS7plcAddr = {{6, NULL, devInit, devInitRecord, NULL}, writeAddr, NULL,
-    "S7plc addr", "OUT", devStatus, {"stringout", 0, 0, 0, NULL}, 0, NULL, prepareAddr};
+    "S7plc addr", "OUT", devStatus, {"stringout", 0, 0, 0, NULL}, 0, NULL, prepareAddr,
+    NULL, NULL};
 /* clang-format on */
 
 epicsExportAddress(dset, devS7plcStat);

@@ -103,24 +103,43 @@ void plcImageInvalidate(plcImage *image, const char *reason)
     epicsMutexUnlock(image->lock);
 }
 
+/* Only the bits set in mask; NULL: all. */
+static void put(epicsUInt8 *to, const epicsUInt8 *from, const epicsUInt8 *mask,
+                size_t length)
+{
+    size_t i;
+
+    if (!mask && length)
+        memcpy(to, from, length);
+    for (i = 0; mask && i < length; i++)
+        to[i] = (epicsUInt8)((to[i] & ~mask[i]) | (from[i] & mask[i]));
+}
+
+/* True when put() would change something. */
+static int differs(const epicsUInt8 *to, const epicsUInt8 *from, const epicsUInt8 *mask,
+                   size_t length)
+{
+    size_t i;
+
+    if (!mask)
+        return memcmp(to, from, length) != 0;
+    for (i = 0; i < length; i++)
+        if ((to[i] ^ from[i]) & mask[i])
+            return 1;
+    return 0;
+}
+
 int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src,
                   const void *mask)
 {
-    const epicsUInt8 *from = src, *bits = mask;
-    epicsUInt8 *to;
     int first;
-    size_t i;
 
     epicsMutexMustLock(image->lock);
     if (image->closed) {
         epicsMutexUnlock(image->lock);
         return -1;
     }
-    to = image->bytes + offset;
-    if (!mask && length)
-        memcpy(to, from, length);
-    for (i = 0; mask && i < length; i++)
-        to[i] = (epicsUInt8)((to[i] & ~bits[i]) | (from[i] & bits[i]));
+    put(image->bytes + offset, src, mask, length);
     first = !image->dirty;
     image->dirty = 1;
     epicsMutexUnlock(image->lock);
@@ -131,6 +150,29 @@ void plcImageClose(plcImage *image, int closed)
 {
     epicsMutexMustLock(image->lock);
     image->closed = closed;
+    epicsMutexUnlock(image->lock);
+}
+
+int plcImageSet(plcImage *image, size_t offset, size_t length, const void *src,
+                const void *mask, const void *expected)
+{
+    epicsUInt8 *to;
+    int changed;
+
+    epicsMutexMustLock(image->lock);
+    to = image->bytes + offset;
+    changed = (!expected || memcmp(to, expected, length) == 0) &&
+              differs(to, src, mask, length);
+    if (changed)
+        put(to, src, mask, length);
+    epicsMutexUnlock(image->lock);
+    return changed;
+}
+
+void plcImageForget(plcImage *image)
+{
+    epicsMutexMustLock(image->lock);
+    image->dirty = 0;
     epicsMutexUnlock(image->lock);
 }
 

@@ -65,6 +65,15 @@ void plcImageTouch(plcImage *image);
 /* Copies the whole image to `dst` and forgets that it was written. */
 void plcImageTake(plcImage *image, void *dst);
 
+/* Sets bytes without a write: they do not leave because of it, and a closed image takes
+ * them too. expected (may be NULL): only if the image holds just these bytes now.
+ * Returns 1 when a bit changed. */
+int plcImageSet(plcImage *image, size_t offset, size_t length, const void *src,
+                const void *mask, const void *expected);
+
+/* What was written since plcImageTake is no reason to send any more. */
+void plcImageForget(plcImage *image);
+
 /* Copies without forgetting (show, read-back of an output). */
 void plcImagePeek(plcImage *image, size_t offset, size_t length, void *dst);
 

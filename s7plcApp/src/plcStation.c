@@ -146,6 +146,7 @@ plcStation *plcStationCreate(const plcStationConfig *config)
     s->inScan = plcScanCreate(s->inSize, passDone, s);
     s->outScan = plcScanCreate(s->outSize, NULL, NULL);
     s->statusScan = plcScanCreate(0, NULL, NULL);
+    s->readback = plcReadbackCreate();
     s->held = callocMustSucceed(1, s->inSize + 1, "plcStationCreate");
     s->lock = epicsMutexMustCreate();
     s->ended = epicsEventMustCreate(epicsEventEmpty);
@@ -226,6 +227,7 @@ void plcStationsDestroy(void)
         }
         plcImageDestroy(s->in);
         plcImageDestroy(s->out);
+        plcReadbackDestroy(s->readback);
         close(s->wakePipe[0]);
         close(s->wakePipe[1]);
         epicsEventDestroy(s->ended);
@@ -290,7 +292,10 @@ void plcStationGate(plcStation *s)
     const char *why = "";
 
     epicsMutexMustLock(s->lock);
-    if (s->options.offlineWrites == plcOfflineReject && !epicsAtomicGetIntT(&s->leads))
+    if (s->options.sync)
+        why = plcSyncReason(s->stats.syncState);
+    else if (s->options.offlineWrites == plcOfflineReject &&
+             !epicsAtomicGetIntT(&s->leads))
         why = s->reason;
     epicsSnprintf(s->refusal, sizeof(s->refusal), "%s", why);
     plcImageClose(s->out, s->refusal[0] != 0);
@@ -316,6 +321,56 @@ int plcStationWrite(plcStation *s, size_t offset, size_t length, const void *dat
     if (!epicsAtomicGetIntT(&s->leads))
         copyReason(s, reason);
     return 0;
+}
+
+size_t plcStationHeader(const plcStation *s)
+{
+    return s->options.sync ? PLC_HEADER_SIZE : 0;
+}
+
+void plcStationAddReadback(plcStation *s, const void *key, size_t out, size_t in,
+                           size_t length, const void *mask)
+{
+    plcReadbackAdd(s->readback, key, out, in, length, mask);
+}
+
+void plcStationRemoveReadback(plcStation *s, const void *key)
+{
+    plcReadbackRemove(s->readback, key);
+}
+
+long plcStationMirror(plcStation *s)
+{
+    long offset;
+
+    epicsMutexMustLock(s->lock);
+    offset = (long)s->options.readback;
+    epicsMutexUnlock(s->lock);
+    return offset;
+}
+
+int plcStationTaken(plcStation *s)
+{
+    return epicsAtomicGetIntT(&s->taken);
+}
+
+static void followNow(epicsCallback *callback)
+{
+    plcStation *s;
+
+    callbackGetUser(s, callback);
+    epicsAtomicSetIntT(&s->following, 0);
+    s->follow(s);
+}
+
+void plcStationOnTake(plcStation *s, void (*follow)(plcStation *station))
+{
+    epicsMutexMustLock(s->lock);
+    callbackSetCallback(followNow, &s->followCallback);
+    callbackSetPriority(priorityMedium, &s->followCallback);
+    callbackSetUser(s, &s->followCallback);
+    s->follow = follow;
+    epicsMutexUnlock(s->lock);
 }
 
 int plcStationConnected(plcStation *s, char reason[PLC_REASON_SIZE])
@@ -415,6 +470,12 @@ static int optionsFit(plcStation *s, const plcOptions *o, char *error, size_t si
     };
     size_t i;
 
+    if (o->sync && (s->inSize < PLC_HEADER_SIZE || s->outSize < PLC_HEADER_SIZE)) {
+        epicsSnprintf(error, size, "option sync: both blocks begin with a header of %d "
+                      "bytes; inSize is %u, outSize %u", PLC_HEADER_SIZE,
+                      (unsigned)s->inSize, (unsigned)s->outSize);
+        return -1;
+    }
     for (i = 0; i < sizeof(places) / sizeof(places[0]); i++)
         if (places[i].offset >= 0 && places[i].offset + places[i].length > s->inSize) {
             epicsSnprintf(error, size,

@@ -27,7 +27,8 @@ typedef enum {
     plcStateOk,
     plcStateWrongSize,  /* the PLC sends blocks of another size */
     plcStateFrozen,     /* blocks come, but the alive word stands still */
-    plcStateNoPrimary   /* a pair of which neither sends */
+    plcStateNoPrimary,  /* a pair of which neither sends */
+    plcStateLayout      /* sync=on, and the layout ids differ */
 } plcStationState;
 
 typedef struct plcStationConfig {
@@ -84,6 +85,26 @@ plcImage *plcStationOutput(plcStation *station); /* never NULL */
  * Returns 0 with a reason that is not empty when the PLC is away but the value is kept. */
 int plcStationWrite(plcStation *station, size_t offset, size_t length, const void *data,
                     const void *mask, char reason[PLC_REASON_SIZE]);
+
+/* --- Read-back: the PLC shows what it holds of our outputs ------------------------------- */
+
+/* Bytes at the start of both blocks that are no data: the header of sync=on, or 0. */
+size_t plcStationHeader(const plcStation *station);
+
+/* `length` bytes at `out` of the output block are shown at `in` of the input block, only
+ * the bits in mask (NULL: all; else length <= PLC_MASK_MAX). `key` is one record. */
+void plcStationAddReadback(plcStation *station, const void *key, size_t out, size_t in,
+                           size_t length, const void *mask);
+void plcStationRemoveReadback(plcStation *station, const void *key);
+
+/* Where the option readback= shows byte 0 of the output block; -1: not set. */
+long plcStationMirror(plcStation *station);
+
+/* True when the output image holds what the PLC has shown, not only what was written. */
+int plcStationTaken(plcStation *station);
+
+/* follow(station) is called in a callback thread after outputs took values from the PLC. */
+void plcStationOnTake(plcStation *station, void (*follow)(plcStation *station));
 
 /* 1 while TCP to the PLC (the leading one) is up. *reason (may be NULL) says why not. */
 int plcStationConnected(plcStation *station, char reason[PLC_REASON_SIZE]);

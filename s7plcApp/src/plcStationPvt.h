@@ -9,12 +9,15 @@
 #ifndef INC_plcStationPvt_H
 #define INC_plcStationPvt_H
 
+#include <callback.h>
 #include <ellLib.h>
 #include <epicsEvent.h>
 #include <epicsMutex.h>
 
 #include "plcConnection.h"
 #include "plcLink.h"
+#include "plcReadback.h"
+#include "plcSync.h"
 #include "plcOptions.h"
 #include "plcResolver.h"
 #include "plcScan.h"
@@ -46,6 +49,10 @@ struct plcStation {
 
     plcImage *in, *out;
     plcScan *inScan, *outScan, *statusScan;
+    plcReadback *readback;
+    epicsCallback followCallback;
+    void (*follow)(plcStation *); /* NULL: no record follows read-backs */
+    int following; /* atomic: the callback is queued */
 
     /* from any thread to ours */
     int wakePipe[2];
@@ -70,6 +77,7 @@ struct plcStation {
                        /* ... to here */
     int leads;   /* atomic: a line leads, or another is about to; for record threads */
     int waiting; /* atomic: the thread waits for the end of a scan pass */
+    int taken;   /* atomic: the output image holds what the PLC has shown */
 
     /* owned by the thread */
     plcOptions now; /* its copy of the options */
@@ -79,6 +87,7 @@ struct plcStation {
     epicsUInt64 looked;       /* all that came in until then was seen */
     int valid;                /* the input image is valid */
     int frozen;               /* the alive word stands still */
+    plcSync sync;             /* with sync=on */
     epicsUInt64 lastBlock;    /* of any leader; 0: none since data was lost */
     epicsUInt64 lastDeliver;  /* when records got their last block */
     epicsUInt64 lastAlive;    /* when the alive word last changed; 0: not seen yet */

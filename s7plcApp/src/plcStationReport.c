@@ -7,7 +7,7 @@ const char *plcStateName(int state)
 {
     static const char *const names[] = {"no address", "connecting", "waiting for data",
                                         "ok",         "wrong size", "frozen",
-                                        "no PRIMARY"};
+                                        "no PRIMARY", "layout mismatch"};
 
     return state >= 0 && state < (int)(sizeof(names) / sizeof(names[0])) ? names[state]
                                                                         : "?";

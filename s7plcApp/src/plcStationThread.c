@@ -24,6 +24,12 @@ static const unsigned backoff[] = {0, 50, 100, 200, 400, 700};
 /* A connection that lasted this long is a good one, ms. */
 #define SETTLED_MS 2000
 
+/* A put may take this long, beyond the send interval, until the PLC shows it; ms. */
+#define PATIENCE_MS 1000
+
+/* With sync=on the PLC expects blocks, also where heartbeat= is not set; ms. */
+#define SYNC_HEARTBEAT_MS 500
+
 /* Log lines per minute and station; the rest is counted. */
 #define LOG_LINES 20
 
@@ -98,6 +104,7 @@ static void invalidate(plcStation *s, int state, const char *reason)
     if (!s->valid && strncmp(before, reason, sizeof(before) - 1) == 0)
         return;
     s->valid = 0;
+    epicsAtomicSetIntT(&s->taken, 0);
     setLeads(s);
     plcImageInvalidate(s->in, reason);
     plcScanRequestAll(s->inScan);
@@ -211,6 +218,107 @@ static void aliveStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     invalidate(s, plcStateFrozen, "PLC frozen: alive word stands still");
 }
 
+/* Records whose outputs took a value from the PLC are told in a callback. */
+static void requestFollow(plcStation *s, unsigned places)
+{
+    epicsMutexMustLock(s->lock);
+    s->stats.readbacks += places;
+    epicsMutexUnlock(s->lock);
+    if (s->follow && epicsAtomicCmpAndSwapIntT(&s->following, 0, 1) == 0 &&
+        callbackRequest(&s->followCallback))
+        epicsAtomicSetIntT(&s->following, 0);
+}
+
+/* The outputs take what the PLC shows. */
+static void takeReadback(plcStation *s, const void *block)
+{
+    unsigned places = plcReadbackTake(s->readback, block, s->out);
+    int first = !epicsAtomicGetIntT(&s->taken);
+
+    epicsAtomicSetIntT(&s->taken, 1);
+    if (places || first)
+        requestFollow(s, places);
+}
+
+/* Outputs follow the PLC from block to block. */
+static void trackReadback(plcStation *s, const void *block, epicsUInt64 now)
+{
+    epicsUInt64 patience = msToNs(s->now.sendInterval + PATIENCE_MS);
+    unsigned places = plcReadbackTrack(s->readback, block, s->out, now, patience);
+
+    if (places)
+        requestFollow(s, places);
+}
+
+/* The one place where the state of the handshake shows to others. */
+static void syncShow(plcStation *s, epicsUInt64 now)
+{
+    int before, remote = (s->sync.flags & plcFlagRemote) != 0;
+    char text[120];
+
+    epicsMutexMustLock(s->lock);
+    before = s->stats.syncState;
+    s->stats.syncState = s->sync.state;
+    s->stats.remote = remote;
+    if (before != (int)s->sync.state)
+        s->stats.syncSince = now;
+    s->stats.syncs += s->sync.state == plcSyncSynced && before != plcSyncSynced;
+    s->stats.syncsLost += s->sync.state != plcSyncSynced && before == plcSyncSynced;
+    epicsMutexUnlock(s->lock);
+    if (before == (int)s->sync.state)
+        return;
+    plcStationGate(s);
+    epicsSnprintf(text, sizeof(text), "sync: %s -> %s%s", plcSyncStateName(before),
+                  plcSyncStateName(s->sync.state),
+                  s->sync.flags & plcFlagTimeout ? " (the PLC's watchdog had expired)" : "");
+    if (s->sync.state == plcSyncLayoutMismatch)
+        epicsSnprintf(text, sizeof(text), "sync: the PLC has layout id %u, the IOC %u; "
+                      "nothing is sent", s->sync.theirs, s->sync.layout);
+    logLine(s, s->sync.state == plcSyncLayoutMismatch ? errlogMajor : errlogInfo, now, text);
+    plcScanRequestAll(s->statusScan);
+}
+
+/* Another PLC gets our output (leader >= 0), or none. */
+static void syncLeader(plcStation *s, epicsUInt64 now)
+{
+    if (!s->now.sync)
+        return;
+    if (s->leader >= 0)
+        plcSyncConnected(&s->sync);
+    else
+        plcSyncLost(&s->sync);
+    syncShow(s, now);
+}
+
+/* What the block says of our outputs. Returns 1 when its data is good. Before the PINI run
+ * is over nothing is taken: its values would come later and count as puts. */
+static int outputsFollow(plcStation *s, const void *block, epicsUInt64 now)
+{
+    int todo, same;
+
+    if (!epicsAtomicGetIntT(&s->running))
+        return 1;
+    if (!s->now.sync && plcReadbackCount(s->readback)) {
+        if (!epicsAtomicGetIntT(&s->taken))
+            takeReadback(s, block);
+        else if (s->now.track)
+            trackReadback(s, block, now);
+    }
+    if (!s->now.sync)
+        return 1;
+    same = s->sync.state == plcSyncChecking && plcReadbackSame(s->readback, block, s->out);
+    todo = plcSyncBlock(&s->sync, block, same, s->bigEndian);
+    syncShow(s, now); /* closes the image before it takes anything */
+    if (todo & plcSyncTake) {
+        takeReadback(s, block);
+        plcImageForget(s->out);
+        s->dirtySince = 0;
+    }
+    if (todo & plcSyncSend)
+        plcImageTouch(s->out);
+    return s->sync.state != plcSyncLayoutMismatch;
+}
+
 /* Whole blocks came from the PLC that leads; this is the newest. */
 static void leaderBlock(plcStation *s, const void *block, epicsTimeStamp stamp,
                         size_t count, epicsUInt64 now)
@@ -226,6 +334,10 @@ static void leaderBlock(plcStation *s, const void *block, epicsTimeStamp stamp,
         s->stats.coalesced++;
     epicsMutexUnlock(s->lock);
     s->lastBlock = now;
+    if (!outputsFollow(s, block, now)) {
+        invalidate(s, plcStateLayout, plcSyncReason(plcSyncLayoutMismatch));
+        return;
+    }
     if (!aliveWord(s, block, now))
         return;
     if (mayDeliver(s, now, &wake)) {
@@ -286,11 +398,12 @@ static void setLeader(plcStation *s, int leader, epicsUInt64 now)
         epicsTimeGetCurrent(&s->stats.connectTime);
     epicsMutexUnlock(s->lock);
     setLeads(s);
+    syncLeader(s, now);
     if (leader >= 0) {
         /* The new PLC gets what the old one had, at once. */
         s->lastSend = 0;
         s->nextOutScan = now + msToNs(s->now.sendInterval);
-        if (epicsAtomicGetIntT(&s->written))
+        if (epicsAtomicGetIntT(&s->written) && !s->now.sync)
             plcImageTouch(s->out);
     }
     plcScanRequestAll(s->statusScan);
@@ -657,7 +770,17 @@ static epicsUInt64 sendDue(plcStation *s)
     }
     if (s->now.heartbeat > 0)
         due = s->lastSend ? s->lastSend + msToNs(s->now.heartbeat) : 0;
+    else if (s->now.sync)
+        due = s->lastSend ? s->lastSend + msToNs(SYNC_HEARTBEAT_MS) : 0;
     return due;
+}
+
+/* Not before the PLC has shown what it holds, where it does; not where sync forbids it. */
+static int maySend(plcStation *s)
+{
+    if (s->now.sync)
+        return plcSyncMaySend(&s->sync);
+    return epicsAtomicGetIntT(&s->taken) || !plcReadbackCount(s->readback);
 }
 
 static void outputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
@@ -668,7 +791,7 @@ static void outputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     if (!epicsAtomicGetIntT(&s->running) || !s->outSize || s->leader < 0)
         return;
     c = &s->lines[s->leader].connection;
-    if (c->state != plcConnectionUp)
+    if (c->state != plcConnectionUp || !maySend(s))
         return;
     if (!plcConnectionIdle(c)) {
         sendBlock(s, 0, now);
@@ -683,6 +806,8 @@ static void outputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     }
     epicsAtomicSetIntT(&s->sendNow, 0);
     plcImageTake(s->out, c->out);
+    if (s->now.sync)
+        plcSyncHeader(&s->sync, c->out, s->bigEndian);
     s->lastSend = now;
     sendBlock(s, 1, now);
 }
@@ -757,6 +882,13 @@ static void begin(plcStation *s)
     s->optionsChanged = 1;
     epicsMutexUnlock(s->lock);
     takeOrders(s, 0);
+    plcSyncInit(&s->sync, (epicsUInt16)s->now.layout);
+    if (s->now.readback >= 0) {
+        size_t header = plcStationHeader(s);
+
+        plcReadbackAdd(s->readback, s, header, (size_t)s->now.readback + header,
+                       s->outSize - header, NULL);
+    }
     for (i = 0; i < s->policy->links; i++)
         lineAddress(s, i, 0);
     if (!s->lines[0].resolver) {

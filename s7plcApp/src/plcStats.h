@@ -29,6 +29,9 @@ typedef struct plcStats {
     epicsUInt32 burstSize;      /* bytes that the PLC seems to send at a time where inSize
                                    are configured; 0 = the size is right */
     double clockOffset;         /* PLC clock minus IOC clock, s; 0 without timestamp= */
+    int syncState;              /* plcSyncState; with sync=on */
+    int remote;                 /* 1: REMOTE, 0: LOCAL, as the PLC last said */
+    epicsUInt64 syncSince;      /* monotonic ns: when syncState began */
     char lastError[PLC_TEXT_SIZE];
 
     /* counters since start or plcStatsReset */
@@ -40,7 +43,10 @@ typedef struct plcStats {
     epicsUInt64 coalesced;      /* blocks that joined a scan pass that was still waiting */
     epicsUInt64 ignored;        /* blocks of a PLC that does not lead */
     epicsUInt64 heartbeats;     /* unchanged blocks sent */
-    epicsUInt64 refusedWrites;  /* puts refused (offline) */
+    epicsUInt64 refusedWrites;  /* puts refused (offline, not synchronised, LOCAL) */
+    epicsUInt64 syncs;          /* times the PLC agreed */
+    epicsUInt64 syncsLost;      /* times it took that back, or the connection broke */
+    epicsUInt64 readbacks;      /* places where outputs took the PLC's value */
     epicsUInt64 sizeMismatches; /* times the block size was found wrong */
     epicsUInt64 connects;       /* connections made */
     epicsUInt64 disconnects;    /* connections lost */

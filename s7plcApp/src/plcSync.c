@@ -83,9 +83,9 @@ void plcSyncHeader(plcSync *s, void *header, int bigEndian)
         s->asked = 1;
 }
 
-const char *plcSyncReason(const plcSync *s)
+const char *plcSyncReason(int state)
 {
-    return states[s->state].refusal;
+    return states[state].refusal;
 }
 
 const char *plcSyncStateName(int state)

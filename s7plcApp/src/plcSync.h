@@ -67,8 +67,8 @@ int plcSyncMaySend(const plcSync *sync);
 /* Writes the header of a block that leaves now. */
 void plcSyncHeader(plcSync *sync, void *header, int bigEndian);
 
-/* Why puts are refused in this state, in words for AMSG; "" when they are not. */
-const char *plcSyncReason(const plcSync *sync);
+/* Why puts are refused in a state, in words for AMSG; "" when they are not. */
+const char *plcSyncReason(int state);
 
 const char *plcSyncStateName(int state);
 

@@ -122,8 +122,8 @@ static void headers(void)
         sync.counter = 10;
         plcSyncHeader(&sync, header, table[i].bigEndian);
         testOk(plcSyncMaySend(&sync) == table[i].sends &&
-                   (plcSyncReason(&sync)[0] != 0) == table[i].refuses &&
-                   strlen(plcSyncReason(&sync)) < 40 &&
+                   (plcSyncReason(sync.state)[0] != 0) == table[i].refuses &&
+                   strlen(plcSyncReason(sync.state)) < 40 &&
                    memcmp(header, table[i].bytes, 4) == 0,
                "%s", table[i].title);
     }
@@ -347,7 +347,7 @@ static int act(world *w, int a)
     i = a / VALUES % POINTS;
     value = a % VALUES;
     if (a < POINTS * VALUES) { /* a client's put: the gate is the driver's */
-        if (plcSyncReason(&w->ioc)[0])
+        if (plcSyncReason(w->ioc.state)[0])
             return 0;
         w->image[i] = (point){(unsigned char)value, freshPut(w, i)};
         w->dirty = 1;

@@ -1,0 +1,159 @@
+/* Output records that follow the PLC: their VAL takes what the PLC shows of them, and a
+ * refused put goes back to it.
+ *
+ * The station copies read-backs into the output image; here records take their value from
+ * there. A record follows by processing, with a flag that makes devWrite read instead of
+ * write: so alarms, monitors and forward links are the record's own business, as ever.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include <cantProceed.h>
+#include <dbAccess.h>
+#include <dbLock.h>
+#include <epicsMutex.h>
+#include <epicsThread.h>
+
+#include "devS7plc.h"
+
+/* All records with a read-back, of all stations. The lock is only held to look at the list,
+ * never while a record is locked or processes. */
+static ELLLIST followers = ELLLIST_INIT;
+static epicsMutexId lock;
+static epicsThreadOnceId once = EPICS_THREAD_ONCE_INIT;
+
+static void initOnce(void *arg)
+{
+    (void)arg;
+    lock = epicsMutexMustCreate();
+}
+
+/* The records of one station that follow now, in an array to be freed. */
+static dbCommon **recordsOf(const plcStation *station, size_t *count)
+{
+    dbCommon **records;
+    devRecord *dev;
+    ELLNODE *node;
+
+    *count = 0;
+    epicsMutexMustLock(lock);
+    records = callocMustSucceed(ellCount(&followers) + 1, sizeof(*records), "devFollow");
+    for (node = ellFirst(&followers); node; node = ellNext(node)) {
+        dev = CONTAINER(node, devRecord, node);
+        if (dev->station == station)
+            records[(*count)++] = dev->prec;
+    }
+    epicsMutexUnlock(lock);
+    return records;
+}
+
+/* True when the bits that are ours differ from those that VAL shows. */
+static int isNews(const devRecord *dev, const epicsUInt8 *bytes)
+{
+    epicsInt64 difference;
+
+    if (!dev->known || !dev->mask)
+        return !dev->known || memcmp(bytes, dev->shown, dev->length) != 0;
+    difference = plcGetInt(dev->type, bytes, dev->bigEndian) ^
+                 plcGetInt(dev->type, dev->shown, dev->bigEndian);
+    return (difference & (epicsInt64)dev->mask) != 0;
+}
+
+/* The record is locked. Its link may have changed since it was listed. */
+static void followRecord(dbCommon *prec, const plcStation *station)
+{
+    devRecord *dev = prec->dpvt;
+    epicsUInt8 *bytes;
+
+    if (!dev || dev->station != station || !dev->shown || prec->pact)
+        return;
+    bytes = mallocMustSucceed(dev->length + 1, "devFollow");
+    plcImagePeek(dev->image, dev->offset, dev->length, bytes);
+    if (isNews(dev, bytes)) {
+        dev->following = 1;
+        prec->udf = FALSE; /* it is about to get a value: no IVOA for want of one */
+        dbProcess(prec);
+        dev->following = 0;
+    }
+    free(bytes);
+}
+
+/* In a callback thread, after the output image took values of the PLC. */
+static void followAll(plcStation *station)
+{
+    size_t count, i;
+    dbCommon **records = recordsOf(station, &count);
+
+    for (i = 0; i < count; i++) {
+        dbScanLock(records[i]);
+        followRecord(records[i], station);
+        dbScanUnlock(records[i]);
+    }
+    free(records);
+}
+
+void devFollowJoin(dbCommon *prec, devRecord *dev)
+{
+    epicsUInt8 mask[DEV_SCALAR];
+    epicsUInt64 bits = dev->mask ? dev->mask : dev->shifted ? *dev->shifted : 0;
+
+    epicsThreadOnce(&once, initOnce, NULL);
+    if (dev->shifted)
+        dev->mask = bits;
+    if (bits)
+        plcPutInt(dev->type, mask, dev->bigEndian, (epicsInt64)bits);
+    dev->prec = prec;
+    dev->shown = callocMustSucceed(1, dev->length + 1, "devFollowJoin");
+    plcStationAddReadback(dev->station, dev, dev->offset, dev->readback, dev->length,
+                          bits ? mask : NULL);
+    plcStationOnTake(dev->station, followAll);
+    epicsMutexMustLock(lock);
+    ellAdd(&followers, &dev->node);
+    epicsMutexUnlock(lock);
+}
+
+void devFollowLeave(devRecord *dev)
+{
+    if (!dev->shown)
+        return;
+    plcStationRemoveReadback(dev->station, dev);
+    epicsMutexMustLock(lock);
+    ellDelete(&followers, &dev->node);
+    epicsMutexUnlock(lock);
+    free(dev->shown);
+}
+
+void devShow(devRecord *dev)
+{
+    plcImagePeek(dev->image, dev->offset, dev->length, dev->shown);
+    dev->known = 1;
+}
+
+/* Sets the record's value to what the output image holds. */
+static void takeValue(dbCommon *prec, devRecord *dev)
+{
+    const devSupport *support = (const devSupport *)prec->dset;
+
+    devShow(dev);
+    support->follow(prec, dev, dev->shown);
+    prec->udf = FALSE;
+}
+
+long devWrite(dbCommon *prec)
+{
+    const devSupport *support = (const devSupport *)prec->dset;
+    devRecord *dev = prec->dpvt;
+    long status;
+
+    if (dev && dev->following) {
+        takeValue(prec, dev);
+        return 0;
+    }
+    if (dev)
+        dev->refused = 0;
+    status = support->write(prec);
+    /* A refused put goes back to the PLC's value, when that is known. */
+    if (dev && dev->refused && dev->shown && dev->known)
+        takeValue(prec, dev);
+    return status;
+}
