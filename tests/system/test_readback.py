@@ -1,0 +1,151 @@
+"""Bumpless outputs: R=, readback= and track: outputs start from the PLC's values."""
+import struct
+
+import pytest
+
+from waiting import until_equal
+
+# out block                      shown in the input block at
+#  0 INT16 ao, LINEAR            16
+#  2 INT16 longout               18
+#  4 BYTE  bo (bit 2), mbbo (bits 4..6), mbboDirect (bits 0..1)   20
+#  6 REAL32 ao                   22
+# 10 STRING 6                    26
+# 16 REAL32 calcout              32
+# 20 INT64                       36
+# 28 INT16[2] aao                44
+DB = """
+record(ao, "$(P)linear")  { field(DTYP, "S7plc") field(OUT, "@PLC/0 T=INT16 L=0 H=1000$(R0=)") field(LINR, "LINEAR") field(EGUL, "0") field(EGUF, "10") field(VAL, "9") field(PINI, "$(PINI)") }
+record(longout, "$(P)long") { field(DTYP, "S7plc") field(OUT, "@PLC/2$(R2=)") field(VAL, "-5") field(PINI, "$(PINI)") }
+record(bo, "$(P)bit")     { field(DTYP, "S7plc") field(OUT, "@PLC/4 T=BYTE B=2$(R4=)") field(VAL, "1") field(PINI, "$(PINI)") }
+record(mbbo, "$(P)multi") { field(DTYP, "S7plc") field(OUT, "@PLC/4 T=BYTE$(R4=)") field(NOBT, "3") field(SHFT, "4") field(ZRVL, "1") field(ONVL, "5") field(ONST, "five") field(VAL, "0") field(PINI, "$(PINI)") }
+record(mbboDirect, "$(P)direct") { field(DTYP, "S7plc") field(OUT, "@PLC/4 T=BYTE$(R4=)") field(NOBT, "2") field(VAL, "3") field(PINI, "$(PINI)") }
+record(ao, "$(P)real")    { field(DTYP, "S7plc") field(OUT, "@PLC/6 T=REAL32$(R6=)") field(ASLO, "2") field(AOFF, "1") field(VAL, "77") field(PINI, "$(PINI)") }
+record(stringout, "$(P)text") { field(DTYP, "S7plc") field(OUT, "@PLC/10 L=6$(R10=)") field(VAL, "old") field(PINI, "$(PINI)") }
+record(calcout, "$(P)calc") { field(DTYP, "S7plc") field(OUT, "@PLC/16 T=REAL32$(R16=)") field(CALC, "A") field(A, "4") field(PINI, "$(PINI)") }
+record(int64out, "$(P)big") { field(DTYP, "S7plc") field(OUT, "@PLC/20 T=INT64$(R20=)") field(VAL, "6") field(PINI, "$(PINI)") }
+record(aao, "$(P)array")  { field(DTYP, "S7plc") field(OUT, "@PLC/28$(R28=)") field(FTVL, "SHORT") field(NELM, "2") field(PINI, "$(PINI)") }
+"""
+PLACES = [0, 2, 4, 6, 10, 16, 20, 28]
+
+# what the PLC holds: 2.5 as 250, 1234, bits 0101 0110, (6.0 - 1) / 2, "plc", 8, 2^40, 3 4
+HELD = struct.pack(">hhBxf6sfqhh", 250, 1234, 0x56, 2.5, b"plc\0\0\0", 8.0, 1 << 40, 3, 4)
+
+
+def held(*, linear=250, long=1234):
+    return struct.pack(">hh", linear, long) + HELD[4:]
+
+
+def database(explicit, pini):
+    text = DB.replace("$(PINI)", pini)
+    for place in PLACES:
+        text = text.replace(f"$(R{place}=)", f" R={place + 16}" if explicit else "")
+    return text
+
+
+def assert_follows(ioc):
+    until_equal(lambda: ioc.get("linear"), 2.5)
+    until_equal(lambda: ioc.get("long"), 1234)
+    until_equal(lambda: ioc.get("bit"), 1)
+    until_equal(lambda: ioc.get("multi"), 1)
+    until_equal(lambda: ioc.get("direct"), 2)
+    until_equal(lambda: ioc.get("real"), 6.0)
+    until_equal(lambda: ioc.text("text"), "plc")
+    until_equal(lambda: ioc.get("calc.OVAL"), 8.0)
+    until_equal(lambda: ioc.get("big"), 1 << 40)
+    until_equal(lambda: list(ioc.plain("array")), [3, 4])
+    until_equal(lambda: ioc.alarm("long")[0], "NO_ALARM")
+
+
+@pytest.fixture(params=[(True, "NO"), (True, "YES"), (False, "NO"), (False, "YES")],
+                ids=["R=", "R= with PINI", "readback=", "readback= with PINI"])
+def bumpless(request, new_peer, new_ioc):
+    """A PLC that shows what it holds at byte 16, and an IOC with other values."""
+    explicit, pini = request.param
+    peer = new_peer(48, 32)
+    option = "" if explicit else "\ns7plcSetOption PLC readback 16"
+    ioc = new_ioc(peer.configure(recv_timeout=20000, send_interval=50) + option, database(explicit, pini))
+    peer.wait_connected()
+    return peer, ioc
+
+
+def test_bumpless(bumpless):
+    """with {id} all outputs take the PLC's values, and not one byte of them changes"""
+    peer, ioc = bumpless
+    assert peer.blocks() == []
+    peer.send(bytes(16) + HELD)
+    assert_follows(ioc)
+    for block in peer.blocks():
+        assert block[:32] == HELD[:32]
+    ioc.put("long", -2)
+    assert peer.wait_block(held(long=-2))
+    assert peer.blocks()[-1] == held(long=-2)
+
+
+def test_no_track(new_peer, new_ioc):
+    """without track the output keeps its own value when the PLC changes its"""
+    peer = new_peer(48, 32)
+    ioc = new_ioc(peer.configure(recv_timeout=20000, send_interval=50), database(True, "NO"))
+    peer.wait_connected()
+    peer.send(bytes(16) + HELD)
+    assert_follows(ioc)
+    peer.send(b"\1" + bytes(15) + held(long=55))
+    ioc.put("linear", 1.0)
+    assert peer.wait_block(held(linear=100))
+    assert ioc.get("long") == 1234
+
+
+def test_track(new_peer, new_ioc):
+    """with track=on outputs follow the PLC, and nothing is sent because of it"""
+    peer = new_peer(48, 32)
+    ioc = new_ioc(peer.configure(recv_timeout=20000, send_interval=50) + "\ns7plcSetOption PLC track on",
+                  database(True, "NO"))
+    peer.wait_connected()
+    peer.send(bytes(16) + HELD)
+    assert_follows(ioc)
+    for value in range(100, 120):
+        peer.send(bytes(16) + held(long=value))
+        until_equal(lambda: ioc.get("long"), value)
+    assert peer.blocks() == []
+    # a put wins over what the PLC shows until it has arrived, and comes back
+    ioc.put("long", 7)
+    assert peer.wait_block(held(long=7))
+    peer.send(bytes(16) + held(long=119))
+    peer.send(bytes(16) + held(long=7))
+    peer.send(bytes(16) + held(long=8))
+    until_equal(lambda: ioc.get("long"), 8)
+    assert [block[2:4] for block in peer.blocks()] == [b"\0\7"]
+
+
+def test_rejected_put(new_peer, new_ioc):
+    """with track=on a put that the PLC does not take goes back to the PLC's value"""
+    peer = new_peer(48, 32)
+    ioc = new_ioc(peer.configure(recv_timeout=20000, send_interval=50) + "\ns7plcSetOption PLC track on",
+                  database(True, "NO"))
+    peer.wait_connected()
+    peer.send(bytes(16) + HELD)
+    assert_follows(ioc)
+    ioc.put("long", 7)
+    peer.every(0.05, bytes(16) + HELD)
+    until_equal(lambda: ioc.get("long"), 1234)
+
+
+def test_put_too_early(new_peer, new_ioc):
+    """a put before the first block says so, and the PLC's value wins"""
+    peer = new_peer(48, 32)
+    ioc = new_ioc(peer.configure(recv_timeout=20000, send_interval=50), database(True, "NO"))
+    peer.wait_connected()
+    ioc.put("long", 9)
+    assert ioc.alarm("long") == ("INVALID", "COMM", "waiting for the PLC's value")
+    assert peer.blocks() == []
+    peer.send(bytes(16) + HELD)
+    assert_follows(ioc)
+
+
+def test_contradiction(new_peer, new_ioc):
+    """an R= that contradicts readback= is refused with both numbers"""
+    peer = new_peer(48, 32)
+    ioc = new_ioc(peer.configure(recv_timeout=20000) + "\ns7plcSetOption PLC readback 16",
+                  'record(longout, "$(P)o") { field(DTYP, "S7plc") field(OUT, "@PLC/2 R=20") }')
+    ioc.wait_log("option readback=16 shows this place at 18")
+    assert ioc.alarm("o")[1] == "LINK"
