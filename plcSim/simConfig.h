@@ -35,7 +35,7 @@ typedef struct simConfig {
     int receiveBuffer; /* bytes, 0 = default */
     double restartTime;
     unsigned txDb, rxDb, txPtrsDb, rxPtrsDb;
-    int sync, unpack, resync, local;
+    int sync, local;
     unsigned layout;
     double watchdog, sendWatchdog; /* s, 0 = none */
     int role;                      /* simSingle ... */

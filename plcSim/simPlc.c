@@ -245,8 +245,6 @@ static void setUpProgram(simPlc *plc)
     program->sync = config->sync;
     program->layout = config->layout;
     program->watchdog = config->watchdog;
-    program->unpackMode = (simUnpack)config->unpack;
-    program->resync = config->resync;
     program->interfere = hmiActs;
     program->arg = plc;
 }

@@ -194,7 +194,6 @@ typedef struct move {
     epicsUInt8 *from, *to;
     int fromBit, toBit; /* -1 = bytes */
     size_t size;        /* bytes */
-    size_t element;     /* bytes that belong together */
 } move;
 
 /* Returns nonzero to stop. */
@@ -211,7 +210,6 @@ static unsigned readPair(simProgram *program, const simTransfers *t, size_t entr
                          move *m)
 {
     const epicsUInt8 *pair = t->table->bytes + entry * PAIR;
-    const struct anyType *type = anyType(pair[1]);
     size_t toSize;
     unsigned code;
 
@@ -228,7 +226,6 @@ static unsigned readPair(simProgram *program, const simTransfers *t, size_t entr
     if (t == &program->pack && !inside(program->tx, m->to, m->size))
         return 0x8324;
     m->fromBit = m->toBit = -1;
-    m->element = type->bits < 8 ? 1 : type->bits / 8;
     return 0;
 }
 
@@ -289,7 +286,6 @@ static int forMoves(simProgram *program, simTransfers *t, moveFn fn, void *arg)
                   a->to.block->bytes + a->to.offset,
                   a->from.bit,
                   a->to.bit,
-                  a->from.width,
                   a->from.width};
 
         if (fn(program, &m, arg))
@@ -321,56 +317,27 @@ static int copyMove(simProgram *program, const move *m, void *arg)
     return 0;
 }
 
-/* Moves the elements that are not as in `arg`, an older IE_RX. */
-static int changedMove(simProgram *program, const move *m, void *arg)
-{
-    const epicsUInt8 *base = (const epicsUInt8 *)arg + (m->from - program->rx->bytes);
-    size_t i;
-
-    for (i = 0; i < m->size; i += m->element) {
-        int same = m->fromBit < 0
-                       ? !memcmp(m->from + i, base + i, m->element)
-                       : getBit(m->from, m->fromBit) == getBit(base, m->fromBit);
-
-        if (!same)
-            moveBytes(m, m->from + i, m->to + i, m->element);
-    }
-    return 0;
-}
-
-/* The other way round: what IE_RX would hold if it came from PLC memory. */
-static int ownMove(simProgram *program, const move *m, void *arg)
-{
-    epicsUInt8 *own = (epicsUInt8 *)arg + (m->from - program->rx->bytes);
-    move back = *m;
-
-    back.fromBit = m->toBit;
-    back.toBit = m->fromBit;
-    moveBytes(&back, m->to, own, m->size);
-    return 0;
-}
-
+/* Compares PLC memory with `arg`, a block as IE_RX has it. */
 static int compareMove(simProgram *program, const move *m, void *arg)
 {
-    size_t i = 0;
-    int equal = m->fromBit < 0 ? !memcmp(m->from, m->to, m->size)
-                               : getBit(m->from, m->fromBit) == getBit(m->to, m->toBit);
+    size_t offset = (size_t)(m->from - program->rx->bytes), i = 0;
+    const epicsUInt8 *from = (const epicsUInt8 *)arg + offset;
+    int equal = m->fromBit < 0 ? !memcmp(from, m->to, m->size)
+                               : getBit(from, m->fromBit) == getBit(m->to, m->toBit);
 
-    (void)arg;
     if (equal)
         return 0;
     if (m->fromBit >= 0) {
         snprintf(program->difference, sizeof(program->difference),
-                 "byte %lu bit %d of IE_RX is %d, the PLC has %d",
-                 (unsigned long)(m->from - program->rx->bytes), m->fromBit,
-                 getBit(m->from, m->fromBit), getBit(m->to, m->toBit));
+                 "byte %lu bit %d of IE_RX is %d, the PLC has %d", (unsigned long)offset,
+                 m->fromBit, getBit(from, m->fromBit), getBit(m->to, m->toBit));
         return 1;
     }
-    while (m->from[i] == m->to[i])
+    while (from[i] == m->to[i])
         i++;
     snprintf(program->difference, sizeof(program->difference),
              "byte %lu of IE_RX is 0x%02x, the PLC has 0x%02x",
-             (unsigned long)(m->from + i - program->rx->bytes), m->from[i], m->to[i]);
+             (unsigned long)(offset + i), from[i], m->to[i]);
     return 1;
 }
 
@@ -522,8 +489,7 @@ int simProgramInit(simProgram *program, unsigned txPtrsDb, unsigned rxPtrsDb,
 {
     size_t size = program->rx ? program->rx->size : 1;
 
-    program->base = callocMustSucceed(1, size, "simProgramInit");
-    program->echo = callocMustSucceed(SIM_ECHOES, size, "simProgramInit");
+    program->accepted = callocMustSucceed(1, size, "simProgramInit");
     program->remote = 1;
     if (program->sync && (!program->tx || program->tx->size < SIM_HEADER ||
                           !program->rx || program->rx->size < SIM_HEADER))
@@ -546,19 +512,18 @@ void simProgramFree(simProgram *program)
 {
     freeTransfers(&program->pack);
     freeTransfers(&program->unpack);
-    free(program->base);
-    free(program->echo);
+    free(program->accepted);
 }
 
 /* ---- the four functions ---- */
 
-int CHECKSYNC(simProgram *program)
+int CHECKSYNC(simProgram *program, epicsUInt8 *setpoints)
 {
     if (program->refuseSync) {
         strcpy(program->difference, "refused at the console");
         return 0;
     }
-    return !forMoves(program, &program->unpack, compareMove, NULL);
+    return !forMoves(program, &program->unpack, compareMove, setpoints);
 }
 
 static void packHeader(simProgram *program)
@@ -577,27 +542,14 @@ static void packHeader(simProgram *program)
 void PACK_TX_DB(simProgram *program)
 {
     forMoves(program, &program->pack, copyMove, NULL);
-    if (!program->sync)
-        return;
-    packHeader(program);
-    /* Kept to compare with later, when the IOC tells which block it had seen. */
-    if (program->unpackMode == unpackMerge)
-        forMoves(program, &program->unpack, ownMove,
-                 program->echo + program->counter % SIM_ECHOES * program->rx->size);
+    if (program->sync)
+        packHeader(program);
 }
 
 void UNPACK_RX_DB(simProgram *program)
 {
-    simUnpack mode = program->sync ? program->unpackMode : unpackAll;
-    unsigned seen = program->rx->bytes[0] >> SIM_RX_ECHO;
-
-    if (mode == unpackAll)
-        forMoves(program, &program->unpack, copyMove, NULL);
-    else
-        forMoves(program, &program->unpack, changedMove,
-                 mode == unpackChanged ? program->base
-                                       : program->echo + seen * program->rx->size);
-    memcpy(program->base, program->rx->bytes, program->rx->size);
+    forMoves(program, &program->unpack, copyMove, NULL);
+    memcpy(program->accepted, program->rx->bytes, program->rx->size);
     program->counts.unpacked++;
 }
 
@@ -611,7 +563,6 @@ static void setSync(simProgram *program, int synced, const char *reason)
         program->counts.syncs++;
         program->timedOut = 0;
         program->difference[0] = 0;
-        memcpy(program->base, program->rx->bytes, program->rx->size);
     } else {
         program->counts.syncsLost++;
     }
@@ -639,13 +590,27 @@ static int layoutDiffers(simProgram *program)
     return wrong;
 }
 
+/* In each cycle: SYNC stands only in REMOTE, and while the setpoints are those that were
+ * last accepted. Whoever else moves one ends it, so that no block with the old value can
+ * undo that. */
+static void watchSetpoints(simProgram *program)
+{
+    if (!program->sync || !program->synced)
+        return;
+    if (!program->remote)
+        setSync(program, 0, "LOCAL");
+    else if (!CHECKSYNC(program, program->accepted))
+        setSync(program, 0, "a setpoint was moved in the PLC");
+}
+
 static void check(simProgram *program)
 {
     char last[sizeof(program->difference)];
 
     strcpy(last, program->difference);
     program->counts.checks++;
-    if (CHECKSYNC(program)) {
+    if (CHECKSYNC(program, program->rx->bytes)) {
+        memcpy(program->accepted, program->rx->bytes, program->rx->size);
         interfere(program, pointCheck);
         setSync(program, 1, "the IOC holds the PLC's values");
         return;
@@ -667,13 +632,12 @@ static void receive(simProgram *program, const epicsUInt8 *block)
         return;
     }
     interfere(program, pointReceive);
-    if (layoutDiffers(program)) {
+    watchSetpoints(program);
+    if (layoutDiffers(program))
         setSync(program, 0, "layouts differ");
-        return;
-    }
-    if (flags & SIM_RX_CHECK)
+    else if (flags & SIM_RX_CHECK && program->remote)
         check(program);
-    else if (flags & SIM_RX_DATA && program->synced && program->remote)
+    else if (flags & SIM_RX_DATA && program->synced)
         UNPACK_RX_DB(program);
     else if (flags & SIM_RX_DATA)
         program->counts.ignored++;
@@ -681,17 +645,12 @@ static void receive(simProgram *program, const epicsUInt8 *block)
 
 static void takeInputs(simProgram *program, const simInputs *in)
 {
-    if (in->connected != program->connected) {
-        program->connected = in->connected;
-        program->lastBlock = in->now;
-        if (!in->connected)
-            setSync(program, 0, "the connection is gone");
-    }
-    if (in->remote != program->remote) {
-        program->remote = in->remote;
-        if (in->remote && program->resync)
-            setSync(program, 0, "REMOTE again, the IOC has to show its values");
-    }
+    program->remote = in->remote;
+    if (in->connected == program->connected)
+        return;
+    program->connected = in->connected;
+    program->lastBlock = in->now;
+    setSync(program, 0, in->connected ? "a new connection" : "the connection is gone");
 }
 
 static void watch(simProgram *program, double now)
@@ -716,6 +675,7 @@ void IE_COMMS(simProgram *program, const simInputs *inputs)
         receive(program, inputs->received);
     }
     watch(program, inputs->now);
+    watchSetpoints(program);
     if (inputs->send && program->tx)
         PACK_TX_DB(program);
 }

@@ -17,9 +17,8 @@
  * ends the list.
  *
  *          0      1      2      3      4      5      6      7 ... 9
- *      +------+------+-------------+-------------+------+-------------+
- *      | 0x10 | type |    count    |  DB number  | area | bit address |   always
- * big-endian
+ *      +------+------+-------------+-------------+------+-------------+   always
+ *      | 0x10 | type |    count    |  DB number  | area | bit address |   big-endian
  *      +------+------+-------------+-------------+------+-------------+
  *
  * SPDX-License-Identifier: BSD-3-Clause
@@ -36,9 +35,6 @@
 #define SIM_TX_TIMEOUT 4 /* no block came for too long, since the last SYNC */
 #define SIM_RX_CHECK 1   /* these are the values I hold: compare */
 #define SIM_RX_DATA 2    /* setpoints */
-#define SIM_RX_ECHO                                                                      \
-    3 /* bits 3 ... 7: counter of the last block seen, for unpackMerge                   \
-       */
 
 #define SIM_ANY 10 /* bytes of an ANY pointer */
 
@@ -57,13 +53,6 @@ void simAnyEncode(const simAny *any, epicsUInt8 bytes[SIM_ANY]);
 void simAnyDecode(const epicsUInt8 bytes[SIM_ANY], simAny *any);
 /* Bytes that the pointer covers, 0 for an unknown type. */
 size_t simAnySize(const simAny *any);
-
-/* What UNPACK_RX_DB takes from a block. */
-typedef enum simUnpack {
-    unpackAll,     /* everything, as in the paper */
-    unpackChanged, /* elements that differ from the last block that was taken */
-    unpackMerge, /* elements that differ from the read-back the IOC had seen (its echo) */
-} simUnpack;
 
 /* Two ends of an explicit transfer. */
 typedef struct simAssign {
@@ -93,8 +82,6 @@ typedef struct simProgramCounts {
 /* Moments at which the program lets others interfere: the HMI may act in between. */
 typedef enum simPoint { pointNone, pointReceive, pointCheck } simPoint;
 
-#define SIM_ECHOES 32
-
 typedef struct simProgram {
     const char *name; /* for the log */
     simMemory *memory;
@@ -104,8 +91,6 @@ typedef struct simProgram {
     int sync;
     unsigned layout; /* 0 = not checked */
     double watchdog; /* s, 0 = none */
-    simUnpack unpackMode;
-    int resync;     /* LOCAL to REMOTE needs a new check */
     int refuseSync; /* fault: CHECKSYNC always says unequal */
     void (*interfere)(void *arg, simPoint point);
     void *arg;
@@ -115,8 +100,7 @@ typedef struct simProgram {
     epicsUInt8 counter;  /* of blocks sent */
     int counterFrozen;   /* fault */
     double lastBlock;    /* s: when a block came, or the connection */
-    epicsUInt8 *base;    /* IE_RX as it was last taken */
-    epicsUInt8 *echo;    /* SIM_ECHOES times IE_RX as the PLC would fill it */
+    epicsUInt8 *accepted; /* the setpoints that stand, as IE_RX has them */
     char difference[96]; /* what the last CHECKSYNC found unequal */
     simProgramCounts counts;
 } simProgram;
@@ -146,8 +130,8 @@ typedef struct simInputs {
 /* The heart: takes a block that came, watches the time, and packs IE_TX when one is due.
  */
 void IE_COMMS(simProgram *program, const simInputs *inputs);
-/* 1 when every setpoint in IE_RX equals what the PLC holds. */
-int CHECKSYNC(simProgram *program);
+/* 1 when every setpoint in a block, as IE_RX has it, equals what the PLC holds. */
+int CHECKSYNC(simProgram *program, epicsUInt8 *setpoints);
 /* PLC memory to IE_TX, header included. */
 void PACK_TX_DB(simProgram *program);
 /* IE_RX to PLC memory. */

@@ -319,7 +319,7 @@ def test_sync(new_sim, connect):
     client.write(sync_block(2, 78, 5))
     until_equal(lambda: sim.command("get DB10.DBD4"), "DB10.DBD4 = 5")
     sim.command("local")
-    flags_become(client, 1)
+    flags_become(client, 0)
     sim.command("hmi DB10.DBD0 100")
     read_until(client, lambda block: block[4:8] == struct.pack(">I", 100))
     sim.command("remote")

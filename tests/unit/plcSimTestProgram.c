@@ -49,7 +49,6 @@ static void setUp(int sync)
     program.sync = sync;
     program.layout = 0x1234;
     program.watchdog = 3;
-    program.resync = 1;
     transfer(1, "P#DB10.DBX0.0 WORD 3 -> 4");
     transfer(1, "DB10.DBX6.5 -> DB1.DBX10.0");
     transfer(0, "4 -> P#DB10.DBX0.0 WORD 1");
@@ -203,6 +202,8 @@ static void testWhatEndsSync(void)
     answer(CHECK, 1);
     call(0, 1, 1, NULL);
     testOk(tx->bytes[0] == SIM_TX_REMOTE, "a lost connection ends SYNC");
+    call(1, 1, 1, NULL);
+    testOk(tx->bytes[0] == SIM_TX_REMOTE, "and a new one begins without");
     tearDown();
 
     setUp(1);
@@ -234,17 +235,13 @@ static void testWhatEndsSync(void)
 static void testLocal(void)
 {
     setUp(1);
-    testOk(answer(CHECK, 0) == SIM_TX_SYNC, "SYNC can be had in LOCAL");
-    testOk(answer(DATA, 0) == SIM_TX_SYNC && db10->bytes[0] == 1, "but data is not taken");
+    testOk(answer(CHECK, 0) == 0, "no SYNC in LOCAL");
+    answer(CHECK, 1);
+    testOk(answer(DATA, 0) == 0 && db10->bytes[0] == 1, "LOCAL ends SYNC, data is not taken");
     db10->bytes[0] = 7;
     call(1, 0, 1, NULL);
     testOk(tx->bytes[4] == 7, "what the HMI sets goes to the IOC");
-    testOk(answer(BEAT, 1) == SIM_TX_REMOTE, "REMOTE needs a new check");
-    program.resync = 0;
-    db10->bytes[0] = 1;
-    answer(CHECK, 1);
-    answer(BEAT, 0);
-    testOk(answer(BEAT, 1) == (SIM_TX_SYNC | SIM_TX_REMOTE), "unless resync is off");
+    testOk(answer(DATA, 1) == SIM_TX_REMOTE && db10->bytes[0] == 7, "REMOTE needs a new check");
     tearDown();
 }
 
@@ -292,46 +289,47 @@ static void testInterference(void)
     when = pointCheck;
     program.interfere = moveSetpoint;
     program.arg = &when;
-    testOk(answer(CHECK, 1) == (SIM_TX_SYNC | SIM_TX_REMOTE) && db10->bytes[1] == 0x77 &&
-               tx->bytes[5] == 0x77,
-           "the HMI acts after the compare: SYNC, and its value stays");
+    testOk(answer(CHECK, 1) == SIM_TX_REMOTE && db10->bytes[1] == 0x77 &&
+               program.counts.syncs == 1 && program.counts.syncsLost == 1,
+           "the HMI acts after the compare: SYNC falls in the same cycle");
     tearDown();
 }
 
-/* The HMI moved DBW0 to 0x0701 while a block with its old value was on its way. */
-static void testUnpackModes(void)
+/* SYNC stands only while the setpoints are those that were last accepted. */
+static void testMoved(void)
 {
-    static const struct {
-        simUnpack mode;
-        const char *data;
-        const char *after;
-        const char *what;
-    } rows[] = {
-        {unpackAll, "\x02\x02\x12\x34\x01\x02\x03\x04\x05\x09\x01\0",
-         "\x01\x02\x03\x04\x05\x09\x20", "all: the old value comes back"},
-        {unpackChanged, "\x02\x02\x12\x34\x01\x02\x03\x04\x05\x09\x01\0",
-         "\x07\x02\x03\x04\x05\x09\x20", "changed: only what the IOC changed is taken"},
-        {unpackChanged, "\x02\x02\x12\x34\x01\x02\x03\x04\x05\x06\0\0",
-         "\x07\x02\x03\x04\x05\x06\0", "changed: a bit is taken"},
-        /* the IOC had seen block 1, where DBW0 was 0x0102 */
-        {unpackMerge, "\x0a\x02\x12\x34\x01\x02\x03\x04\x05\x09\x01\0",
-         "\x07\x02\x03\x04\x05\x09\x20", "merge: what the IOC had not touched stays"},
-        /* the IOC had seen block 2, where DBW0 was 0x0702, and wants 0x0102 */
-        {unpackMerge, "\x12\x02\x12\x34\x01\x02\x03\x04\x05\x06\x01\0",
-         "\x01\x02\x03\x04\x05\x06\x20", "merge: what it wants otherwise is taken"},
-    };
-    size_t i;
+    setUp(1);
+    answer(CHECK, 1);
+    db10->bytes[0] = 7;
+    call(1, 1, 1, NULL);
+    testOk(tx->bytes[0] == SIM_TX_REMOTE && tx->bytes[4] == 7,
+           "a setpoint moved after a check: its value goes out without SYNC");
+    testOk(answer(DATA, 1) == SIM_TX_REMOTE && db10->bytes[0] == 7,
+           "and a block that was on its way is not taken");
+    testOk(answer(CHECK, 1) == SIM_TX_REMOTE, "nor is a check with the old value");
+    testOk(answer("\x01\x01\x12\x34\x07\x02\x03\x04\x05\x06\x01\0", 1) ==
+               (SIM_TX_SYNC | SIM_TX_REMOTE),
+           "a check with the new value gives SYNC");
+    tearDown();
 
-    for (i = 0; i < sizeof(rows) / sizeof(rows[0]); i++) {
-        setUp(1);
-        program.unpackMode = rows[i].mode;
-        answer(CHECK, 1);
-        db10->bytes[0] = 7;
-        call(1, 1, 1, NULL);
-        call(1, 1, 0, rows[i].data);
-        testOk(!memcmp(db10->bytes, rows[i].after, 7), "unpack %s", rows[i].what);
-        tearDown();
-    }
+    setUp(1);
+    answer(CHECK, 1);
+    answer(DATA, 1);
+    db10->bytes[6] |= 0x20;
+    testOk(answer(DATA, 1) == SIM_TX_REMOTE && db10->bytes[6] == 0x20,
+           "a bit moved after data: the next block is not taken");
+    tearDown();
+
+    setUp(1);
+    answer(CHECK, 1);
+    db10->bytes[7] = 1;
+    testOk(answer(BEAT, 1) == (SIM_TX_SYNC | SIM_TX_REMOTE),
+           "a byte that is no setpoint may move");
+    db10->bytes[0] = 7;
+    db10->bytes[0] = 1;
+    testOk(answer(BEAT, 1) == (SIM_TX_SYNC | SIM_TX_REMOTE),
+           "there and back within one cycle is no change");
+    tearDown();
 }
 
 /* A bad entry in front of a good one. */
@@ -385,7 +383,7 @@ static void testBadPointers(void)
 
 MAIN(plcSimTestProgram)
 {
-    testPlan(14 + 7 + 2 + 11 + 8 + 5 + 4 + 2 + 2 + 5 + 24);
+    testPlan(14 + 7 + 2 + 11 + 9 + 4 + 4 + 2 + 2 + 7 + 24);
     simLogQuiet(2);
     testAny();
     testPack();
@@ -396,7 +394,7 @@ MAIN(plcSimTestProgram)
     testLayout();
     testRefuse();
     testInterference();
-    testUnpackModes();
+    testMoved();
     testBadPointers();
     return testDone();
 }
