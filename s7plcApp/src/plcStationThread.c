@@ -901,9 +901,11 @@ static void drainPipe(plcStation *s)
 {
     char buffer[16];
 
-    epicsAtomicSetIntT(&s->woken, 0);
     while (read(s->wakePipe[0], buffer, sizeof(buffer)) > 0)
         ;
+    /* Last: a byte that comes in between would be read while `woken` stays set, and no wake
+     * would ever write another. A full barrier: what was to be done is looked at later. */
+    epicsAtomicCmpAndSwapIntT(&s->woken, 1, 0);
 }
 
 /* Waits until something happens or the time `wake` comes. */
