@@ -321,6 +321,7 @@ int devPrepareMask(dbCommon *prec, devRecord *dev, epicsUInt32 *mask, unsigned n
 {
     const char *works = supportOf(prec)->direction == devOut ? "writes nothing" : "reads 0";
 
+    dev->mask = ~(epicsUInt64)0 >> (64 - 8 * dev->type->size);
     dev->shifted = mask;
     dev->unshifted = *mask;
     if (*mask == 0 && nobt <= 32)
@@ -351,8 +352,10 @@ devRecord *devOf(dbCommon *prec)
 {
     devRecord *dev = prec->dpvt;
 
-    if (dev && dev->station)
+    if (dev && dev->station) {
+        plcClearMessage(prec);
         return dev;
+    }
     overUndefined(prec);
     recGblSetSevrMsg(prec, LINK_ALARM, INVALID_ALARM, "%s",
                      dev ? dev->reason : "no link to a PLC");

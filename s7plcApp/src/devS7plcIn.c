@@ -109,8 +109,8 @@ static long readAi(dbCommon *common)
 
 /* --- Bits -------------------------------------------------------------------------------- */
 
-/* bi: RVAL shows the bit in its place; a bit above 31 has no place there and shows as 1.
- * MASK shows the bit in its half of a 64-bit type. */
+/* bi: RVAL shows the bit in its place, but of 64 bits it has room for only half: then it
+ * is 1. MASK shows the bit in its half of a 64-bit type. */
 static long readBi(dbCommon *common)
 {
     biRecord *prec = (biRecord *)common;
@@ -120,7 +120,7 @@ static long readBi(dbCommon *common)
     if (devFetchInt(common, &raw))
         return -1;
     raw &= (epicsInt64)dev->mask;
-    prec->rval = dev->mask >> 32 ? raw != 0 : (epicsUInt32)raw;
+    prec->rval = dev->type->size == 8 ? raw != 0 : (epicsUInt32)raw;
     return 0;
 }
 
@@ -136,11 +136,12 @@ static int prepareBi(dbCommon *common, devRecord *dev, const plcLink *link,
 static long readMbbi(dbCommon *common)
 {
     mbbiRecord *prec = (mbbiRecord *)common;
+    const devRecord *dev = common->dpvt;
     epicsInt64 raw;
 
     if (devFetchInt(common, &raw))
         return -1;
-    prec->rval = (epicsUInt32)raw & prec->mask;
+    prec->rval = (epicsUInt32)raw & (epicsUInt32)dev->mask & prec->mask;
     return 0;
 }
 
@@ -156,11 +157,12 @@ static int prepareMbbi(dbCommon *common, devRecord *dev, const plcLink *link,
 static long readMbbiDirect(dbCommon *common)
 {
     mbbiDirectRecord *prec = (mbbiDirectRecord *)common;
+    const devRecord *dev = common->dpvt;
     epicsInt64 raw;
 
     if (devFetchInt(common, &raw))
         return -1;
-    prec->rval = (epicsUInt32)raw & prec->mask;
+    prec->rval = (epicsUInt32)raw & (epicsUInt32)dev->mask & prec->mask;
     return 0;
 }
 

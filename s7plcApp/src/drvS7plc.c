@@ -296,10 +296,7 @@ static void stop(void *arg)
 /* Called by iocInit before records are initialised: PLCs connect meanwhile. */
 static long init(void)
 {
-    static int once;
-
-    if (!once++)
-        initHookRegister(hook);
+    initHookRegister(hook); /* each IOC anew: an ended one has dropped its hooks */
     /* runs before the database goes away: exit handlers run last first */
     epicsAtExit(stop, NULL);
     plcStationsStart();

@@ -1,13 +1,17 @@
-/* What older releases of EPICS Base 7 lack. Nothing here is for Base 7.0.6 or newer.
+/* What releases of EPICS Base 7 do differently: there is no AMSG before 7.0.6, and at first
+ * nobody cleared it when its alarm was over.
  */
 #ifndef INC_plcCompat_H
 #define INC_plcCompat_H
 
 #include <recGbl.h>
 
-#ifndef HAS_ALARM_MESSAGE
-/* Before 7.0.6 records have no AMSG: the alarm is raised without its words. */
+#ifdef HAS_ALARM_MESSAGE
+/* The words of the alarm before stay in AMSG unless a new alarm brings its own. */
+#define plcClearMessage(prec) ((void)((prec)->nsev == NO_ALARM ? (prec)->namsg[0] = 0 : 0))
+#else
 #define recGblSetSevrMsg(prec, stat, sevr, ...) recGblSetSevr(prec, stat, sevr)
+#define plcClearMessage(prec) ((void)(prec))
 #endif
 
 #endif /* INC_plcCompat_H */
