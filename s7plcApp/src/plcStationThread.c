@@ -795,7 +795,8 @@ static void outputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
         return;
     if (!plcConnectionIdle(c)) {
         sendBlock(s, 0, now);
-        return;
+        if (c->state != plcConnectionUp || !plcConnectionIdle(c))
+            return;
     }
     if (!s->dirtySince && plcImageDirty(s->out))
         s->dirtySince = now;
@@ -810,6 +811,8 @@ static void outputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
         plcSyncHeader(&s->sync, c->out, s->bigEndian);
     s->lastSend = now;
     sendBlock(s, 1, now);
+    if (s->leader >= 0)
+        earlier(wake, sendDue(s));
 }
 
 /* Output records with SCAN=I/O Intr: every sendInterval while connected. */
