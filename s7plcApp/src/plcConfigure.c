@@ -36,7 +36,7 @@ static plcStation *refuse(const char *command, const char *name, const char *for
     va_start(args, format);
     epicsVsnprintf(text, sizeof(text), format, args);
     va_end(args);
-    errlogSevPrintf(errlogMajor, "%s %s: %s\n", command, name ? name : "", text);
+    errlogSevPrintf(errlogMajor, "%s %.60s: %s\n", command, name ? name : "", text);
     return NULL;
 }
 
@@ -45,7 +45,7 @@ static int isName(const char *name)
     size_t i;
 
     for (i = 0; name[i]; i++)
-        if (name[i] == '/' || !isgraph((unsigned char)name[i]))
+        if (name[i] == '/' || (unsigned char)name[i] <= ' ')
             return 0;
     return i > 0 && i <= PLC_NAME_MAX;
 }
@@ -110,7 +110,7 @@ plcStation *plcConfigure(const char *command, const char *const args[8],
     if (plcStationFind(name))
         return refuse(command, name, "this PLC is configured already; each name once");
     if (splitAddress(address, &config, host, &error))
-        return refuse(command, name, "IPaddr \"%s\"; allowed: %s", address, error);
+        return refuse(command, name, "IPaddr \"%.60s\"; allowed: %s", address, error);
     for (i = 0; i < 6; i++) {
         const char *text = args[i + 2];
 
@@ -121,12 +121,12 @@ plcStation *plcConfigure(const char *command, const char *const args[8],
         if (!text)
             continue;
         if (epicsParseInt32(text, &value[i], 0, NULL))
-            return refuse(command, name, "%s=%s is no number; allowed: %s",
+            return refuse(command, name, "%s=%.60s is no number; allowed: %s",
                           numbers[i].name, text, numbers[i].allowed);
         if (value[i] == 0 && numbers[i].initial > 0)
             value[i] = numbers[i].initial;
         if (value[i] < numbers[i].min || value[i] > numbers[i].max)
-            return refuse(command, name, "%s=%s; allowed: %s", numbers[i].name, text,
+            return refuse(command, name, "%s=%.60s; allowed: %s", numbers[i].name, text,
                           numbers[i].allowed);
     }
     if (address[0] && value[port] == 0)
