@@ -152,13 +152,15 @@ static plcStation *needStation(const char *command, const char *name)
     return station;
 }
 
-static const iocshArg *const optionArgs[] = {&stationArg, &keyArg, &valueArg};
+static const iocshArg detailArg = {"type or format", iocshArgString};
+/* iocsh takes a comma in the value as the end of an argument: `alive, 4,UINT16` */
+static const iocshArg *const optionArgs[] = {&stationArg, &keyArg, &valueArg, &detailArg};
 
 static void optionCall(const iocshArgBuf *args)
 {
     const char *name = args[0].sval, *key = args[1].sval, *value = args[2].sval;
     plcStation *station;
-    char error[400];
+    char error[400], joined[200];
 
     if (!name) {
         printf("Options of a PLC, their defaults, and what they do:\n");
@@ -171,6 +173,10 @@ static void optionCall(const iocshArgBuf *args)
     if (!key) {
         plcStationOptions(station, stdout);
         return;
+    }
+    if (args[3].sval) {
+        epicsSnprintf(joined, sizeof(joined), "%s,%s", value, args[3].sval);
+        value = joined;
     }
     if (plcStationSetOption(station, key, value ? value : "", error, sizeof(error)))
         fprintf(stderr, "s7plcSetOption %s: %s\n", name, error);
@@ -241,7 +247,7 @@ static const iocshFuncDef configureDef = {
 #endif
 };
 static const iocshFuncDef optionDef = {
-    "s7plcSetOption", 3, optionArgs
+    "s7plcSetOption", 4, optionArgs
 #ifdef IOCSHFUNCDEF_HAS_USAGE
     ,
     "Sets an option of a PLC. Without value: shows its options. Without PLC: all keys.\n"
