@@ -106,10 +106,7 @@ base() {
         if is_base "$b"; then write_release "$b"; return; fi
     done
     [ -z "${EPICS_BASE:-}" ] || die "EPICS_BASE=$EPICS_BASE is no built EPICS Base >= 7.0."
-    if apt-cache show epics-dev >/dev/null 2>&1; then
-        packages epics-dev
-        if is_base /usr/lib/epics; then write_release /usr/lib/epics; return; fi
-    fi
+    # Debian 13 packages Base's libraries (epics-dev), but not its build system.
     b=$cache/epics-base-7-$(uname -m)-r$recipe
     mkdir -p "$cache"
     (
