@@ -62,6 +62,7 @@ PVA_PORT, PVA_UDP = free_port(), free_port()
 REPEATER = Repeater()
 
 os.environ.update(
+    EPICS_IOCSH_HISTFILE="",
     EPICS_CA_SERVER_PORT=str(free_port()),
     EPICS_CA_REPEATER_PORT=str(REPEATER.port),
     EPICS_CA_ADDR_LIST="127.0.0.1",

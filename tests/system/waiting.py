@@ -1,7 +1,7 @@
 """Waiting for a condition. The limit is generous: it ends a test that has failed anyway."""
 import time
 
-LIMIT = 30.0
+LIMIT = 60.0
 
 
 def until(condition, what="the condition", limit=LIMIT):

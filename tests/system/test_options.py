@@ -1,0 +1,282 @@
+"""The options of plcOptions: what each does, seen by the PLC and by the operator."""
+import struct
+import time
+
+import pytest
+
+from waiting import until
+
+IN = """
+record(longin, "$(P)in") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT32") field(SCAN, "I/O Intr") field(FLNK, "$(P)n") }
+record(calc, "$(P)n") { field(INPA, "$(P)n") field(CALC, "A+1") }
+"""
+OUT = """
+record(longout, "$(P)out") { field(DTYP, "S7plc") field(OUT, "@PLC/0 T=INT32") }
+"""
+STAT = """
+record(bi, "$(P)stat") { field(DTYP, "S7plc stat") field(INP, "@PLC") field(SCAN, "I/O Intr") }
+"""
+
+
+def option(name, value):
+    return f"\ns7plcSetOption PLC, {name}, {value}"
+
+
+def send(peer, *numbers, size=None):
+    size = size or peer.in_size
+    for number in numbers:
+        peer.send(struct.pack(">i", number).ljust(size, b"\0"))
+
+
+def test_heartbeat(new_peer, new_ioc):
+    """heartbeat: an unchanged block is sent again after that time"""
+    peer = new_peer(0, 4)
+    ioc = new_ioc(peer.configure(send_interval=10) + option("heartbeat", 50), OUT)
+    peer.wait_connected()
+    ioc.put("out", 5)
+    peer.wait_block(b"\0\0\0\x05")
+    peer.wait_blocks(10)
+    assert peer.last() == b"\0\0\0\x05"
+
+
+def test_no_heartbeat(new_peer, new_ioc):
+    """without heartbeat a block leaves once, while input goes on"""
+    peer = new_peer(4, 4)
+    ioc = new_ioc(peer.configure(send_interval=10, recv_timeout=20000), OUT + IN)
+    peer.wait_connected()
+    ioc.put("out", 5)
+    peer.wait_blocks(1)
+    for number in range(1, 30):
+        send(peer, number)
+        ioc.wait_value("in", number)
+    assert len(peer.blocks()) == 1
+
+
+def test_holdoff(new_peer, new_ioc):
+    """holdoff: puts that follow each other in this time leave in one block"""
+    peer = new_peer(0, 4)
+    ioc = new_ioc(peer.configure(send_interval=1) + option("holdoff", 5000), OUT)
+    peer.wait_connected()
+    for number in range(1, 20):
+        ioc.put("out", number)
+    assert peer.wait_blocks(1) == [b"\0\0\0\x13"]
+
+
+def test_offline_reject(new_peer, new_ioc):
+    """offlineWrites=reject: a put while the PLC is away is refused and never leaves"""
+    peer = new_peer(0, 4)
+    ioc = new_ioc(peer.configure() + option("offlineWrites", "reject"), OUT + STAT)
+    peer.wait_connected()
+    ioc.put("out", 5)
+    peer.wait_block(b"\0\0\0\x05")
+    peer.power_off()
+    ioc.wait_value("stat", 0)
+    ioc.put("out", 6)
+    assert ioc.alarm("out")[:2] == ("INVALID", "WRITE")
+    peer.power_on()
+    peer.wait_connected(2)
+    assert peer.wait_blocks(1)[0] == b"\0\0\0\x05"
+    ioc.wait_value("stat", 1)
+    ioc.put("out", 7)
+    peer.wait_block(b"\0\0\0\x07")
+    assert b"\0\0\0\x06" not in peer.blocks()
+
+
+def test_min_update(new_peer, new_ioc):
+    """minUpdate: records take fewer blocks, and the newest in the end"""
+    peer = new_peer(4, 0)
+    ioc = new_ioc(peer.configure(recv_timeout=20000) + option("minUpdate", 1000), IN)
+    peer.wait_connected()
+    send(peer, 1)
+    ioc.wait_value("in", 1)
+    before = ioc.get("n")
+    tick = iter(range(2, 10 ** 6))
+    start = time.monotonic()
+    peer.every(0.01, lambda: struct.pack(">i", min(next(tick), 200)))
+    ioc.wait_value("in", 200)
+    passes, seconds = ioc.get("n") - before, time.monotonic() - start
+    assert passes <= seconds + 2
+
+
+def test_scan_changed(new_peer, new_ioc):
+    """scan=changed: only records whose bytes changed are processed"""
+    peer = new_peer(400, 0)
+    db = "".join(f"""
+        record(longin, "$(P)i{i}") {{ field(DTYP, "S7plc") field(INP, "@PLC/{4 * i} T=INT32") field(SCAN, "I/O Intr") field(FLNK, "$(P)n{i}") }}
+        record(calc, "$(P)n{i}") {{ field(INPA, "$(P)n{i}") field(CALC, "A+1") }}
+        """ for i in range(100))
+    ioc = new_ioc(peer.configure(recv_timeout=20000) + option("scan", "changed"), db)
+    peer.wait_connected()
+    block = bytearray(400)
+    peer.send(block)
+    ioc.wait_alarm("i99", "NO_ALARM")
+    before = [ioc.get(f"n{i}") for i in range(100)]
+    for number in range(1, 21):
+        struct.pack_into(">i", block, 4 * 50, number)
+        peer.send(block)
+        ioc.wait_value("i50", number)
+    after = [ioc.get(f"n{i}") for i in range(100)]
+    assert after[50] >= before[50] + 20
+    # the first block may have had its pass late
+    assert all(a <= b + 1 for i, (a, b) in enumerate(zip(after, before)) if i != 50)
+    peer.power_off()
+    for i in (0, 50, 99):
+        ioc.wait_alarm(f"i{i}", "INVALID", "COMM")
+
+
+def test_whole_block(new_peer, new_ioc):
+    """wholeBlock: all records of one I/O Intr pass show the same block"""
+    peer = new_peer(4, 0)
+    count = 300
+    db = "".join(f"""
+        record(longin, "$(P)i{i}") {{ field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT32") field(SCAN, "I/O Intr")
+            field(FLNK, "$(P)c{i}") }}
+        record(calc, "$(P)c{i}") {{ field(INPA, "$(P)i{i}") field(INPB, "$(P)i0") field(INPC, "$(P)c{i}")
+            field(CALC, "C+(A!=B)") }}
+        """ for i in range(count))
+    ioc = new_ioc(peer.configure(recv_timeout=20000) + option("wholeBlock", "on"), db)
+    peer.wait_connected()
+    tick = iter(range(1, 10 ** 8))
+    peer.every(0.0005, lambda: struct.pack(">i", next(tick)))
+    until(lambda: ioc.get("i0") > 2000, "2000 blocks")
+    peer.stop_sending()
+    assert sum(ioc.get(f"c{i}") for i in range(count)) == 0
+
+
+def test_alive(new_peer, new_ioc):
+    """alive: a PLC whose alive word stands still is INVALID, and valid when it moves again"""
+    peer = new_peer(6, 0)
+    ioc = new_ioc(peer.configure() + option("alive", "4,UINT16") + option("aliveTimeout", 300), IN)
+    peer.wait_connected()
+    peer.every(0.02, struct.pack(">iH", 7, 1))
+    ioc.wait_value("in", 7)
+    ioc.wait_alarm("in", "INVALID", "COMM", "frozen")
+    assert len(peer.connections) == 1
+    tick = iter(range(10 ** 6))
+    peer.every(0.02, lambda: struct.pack(">iH", 8, next(tick) % 65536))
+    ioc.wait_alarm("in", "NO_ALARM")
+    ioc.wait_value("in", 8)
+    assert ioc.log_count("alive again") == 1
+
+
+def bcd(*numbers):
+    return bytes(n // 10 * 16 + n % 10 for n in numbers)
+
+
+# 2026-03-04 05:06:07.890, a Wednesday (4 in Siemens' counting)
+CLOCKS = {
+    "DT": bcd(26, 3, 4, 5, 6, 7, 89) + bytes([0x04]),
+    "DTL": struct.pack(">HBBBBBBI", 2026, 3, 4, 4, 5, 6, 7, 890000000),
+}
+
+
+@pytest.mark.parametrize("kind", CLOCKS)
+def test_timestamp(new_peer, new_ioc, kind):
+    """timestamp: records with TSE=-2 carry the PLC's own time ({kind})"""
+    peer = new_peer(16, 0)
+    ioc = new_ioc(peer.configure(recv_timeout=20000) + option("timestamp", f"4,{kind}"), """
+        record(longin, "$(P)in") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT32") field(SCAN, "I/O Intr") field(TSE, "-2") }
+        """)
+    peer.wait_connected()
+    peer.send((b"\0\0\0\x05" + CLOCKS[kind]).ljust(16, b"\0"))
+    ioc.wait_value("in", 5)
+    stamp = ioc.pv("in").get_with_metadata(form="time", use_monitor=False)["timestamp"]
+    assert time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime(stamp)) == "2026-03-04 05:06:07"
+    assert stamp % 1 == pytest.approx(0.89, abs=0.001)
+
+
+def test_nonsense_clock(new_peer, new_ioc):
+    """a PLC clock that is nonsense leaves the time of arrival"""
+    peer = new_peer(16, 0)
+    ioc = new_ioc(peer.configure(recv_timeout=20000) + option("timestamp", "4,DT"), """
+        record(longin, "$(P)in") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT32") field(SCAN, "I/O Intr") field(TSE, "-2") }
+        """)
+    peer.wait_connected()
+    peer.send(b"\0\0\0\x05" + b"\xff" * 12)
+    ioc.wait_value("in", 5)
+    stamp = ioc.pv("in").get_with_metadata(form="time", use_monitor=False)["timestamp"]
+    assert abs(stamp - time.time()) < 3600
+
+
+def test_arrival_time(new_peer, new_ioc):
+    """without timestamp TSE=-2 is the arrival of the block"""
+    peer = new_peer(4, 0)
+    ioc = new_ioc(peer.configure(recv_timeout=20000), """
+        record(longin, "$(P)in") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT32") field(TSE, "-2") }
+        """)
+    peer.wait_connected()
+    before = time.time()
+    peer.send(b"\0\0\0\x05")
+    until(lambda: ioc.process_record("in") or ioc.get("in") == 5, "the block")
+    after = time.time()
+    ioc.process_record("in")
+    stamp = ioc.pv("in").get_with_metadata(form="time", use_monitor=False)["timestamp"]
+    assert before - 1 < stamp < after + 1
+
+
+def test_connect_timeout(new_ioc, black_hole):
+    """connectTimeout: an attempt that gets no answer is given up after that time, and said once"""
+    ioc = new_ioc(f's7plcConfigure("PLC", "127.0.0.1", {black_hole.port}, 4, 0, 1, 2000, 100)'
+                  + option("connectTimeout", 100), IN)
+    ioc.wait_log("does not answer")
+    ioc.wait_alarm("in", "INVALID", "COMM", "does not answer")
+    until(lambda: int(ioc.command("s7plcReport PLC").split(" failed")[0].split()[-1]) >= 5,
+          "five attempts")
+    assert ioc.log_count("cannot connect") == 1
+
+
+def test_listed(new_ioc):
+    """s7plcSetOption alone lists every option; with a PLC, its values"""
+    ioc = new_ioc('s7plcConfigure("PLC", "", 0, 4, 4, 1, 1234, 100)', "")
+    keys = ioc.command("s7plcSetOption")
+    for key in ("recvTimeout", "sendInterval", "holdoff", "heartbeat", "offlineWrites",
+                "minUpdate", "scan", "wholeBlock", "alive", "aliveTimeout", "timestamp",
+                "connectTimeout"):
+        assert key in keys
+    assert "1234" in ioc.command("s7plcSetOption PLC")
+
+
+@pytest.mark.parametrize("line, message", {
+    "an unknown key": ("PLC, sped, 5", "there is no option"),
+    "an unknown PLC": ("NOPLC, heartbeat, 5", "NOPLC"),
+    "no value": ("PLC, heartbeat", "allowed"),
+    "a word for a number": ("PLC, heartbeat, soon", "allowed"),
+    "a number out of range": ("PLC, heartbeat, -1", "allowed"),
+    "an unknown word": ("PLC, offlineWrites, maybe", "keep|reject"),
+    "an offset outside the block": ("PLC, alive, 3", "input block of 4"),
+    "a wrong type": ("PLC, alive, 0,FLOAT", "allowed"),
+    "scan after iocInit": ("PLC, scan, changed", "before iocInit"),
+}.values(), ids=lambda value: "")
+def test_wrong_option(new_ioc, line, message):
+    """s7plcSetOption {line}: an error that says \"{message}\" """
+    ioc = new_ioc('s7plcConfigure("PLC", "", 0, 4, 4, 1, 2000, 100)', "")
+    assert message in ioc.command(f"s7plcSetOption {line}")
+
+
+def test_change_while_running(new_peer, new_ioc):
+    """options change while the IOC runs"""
+    peer = new_peer(0, 4)
+    ioc = new_ioc(peer.configure(send_interval=10), OUT)
+    peer.wait_connected()
+    ioc.put("out", 5)
+    peer.wait_blocks(1)
+    ioc.command("s7plcSetOption PLC, heartbeat, 20")
+    peer.wait_blocks(5)
+
+
+def test_report(new_peer, new_ioc):
+    """s7plcReport and dbior show address, state, sizes and counters"""
+    peer = new_peer(4, 4)
+    ioc = new_ioc(peer.configure(recv_timeout=20000), IN + OUT)
+    peer.wait_connected()
+    send(peer, 1, 2, 3)
+    ioc.wait_value("in", 3)
+    report = ioc.command("s7plcReport PLC 1")
+    assert f"127.0.0.1:{peer.port}" in report and "ok" in report
+    assert "in 4 bytes, out 4 bytes, big endian" in report
+    assert "in:  3 blocks, 12 bytes" in report
+    assert f"127.0.0.1:{peer.port}" in ioc.command("dbior s7plc 0")
+    assert "time from block to block" in ioc.command("s7plcReport PLC 2")
+    ioc.command("s7plcStatsReset PLC")
+    assert "in:  0 blocks" in ioc.command("s7plcReport PLC 1")
+    assert "no PLC" in ioc.command("s7plcReport NOPLC")
