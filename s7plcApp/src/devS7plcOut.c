@@ -56,10 +56,16 @@ static int prepareAo(dbCommon *common, devRecord *dev, const plcLink *link,
     return (int)linconv((aoRecord *)common, dev);
 }
 
+/* Cuts a value to L..H. An L below the type is a point of the LINEAR scale: what is
+ * written ends at the type. */
 static epicsInt64 clip(const devRecord *dev, double value)
 {
-    if (value <= (double)dev->low)
-        return dev->low;
+    epicsInt64 least = dev->type->low - (dev->type->kind == plcSigned);
+
+    if (least < dev->low)
+        least = dev->low;
+    if (value <= (double)least)
+        return least;
     if (value >= (double)dev->high)
         return dev->high;
     return (epicsInt64)value;
