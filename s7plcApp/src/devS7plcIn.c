@@ -17,8 +17,9 @@
 #include <menuConvert.h>
 #include <stringinRecord.h>
 
-#include "plcCompat.h"
 #include "devS7plc.h"
+#include "drvS7plc.h"
+#include "plcCompat.h"
 
 #include <epicsExport.h> /* last */
 
@@ -188,6 +189,15 @@ static long readLongin(dbCommon *common)
     return 0;
 }
 
+static int prepareLongin(dbCommon *common, devRecord *dev, const plcLink *link,
+                         plcLinkError *error)
+{
+    (void)link, (void)error;
+    if (s7plcDebug > 0 && dev->type->kind == plcUnsigned && dev->type->size == 4)
+        devWarn(common, "longin shows a UINT32 above 2147483647 as negative, int64in does not");
+    return 0;
+}
+
 static long readInt64in(dbCommon *common)
 {
     epicsInt64 raw;
@@ -268,7 +278,7 @@ const devSupport devS7plcMbbi = {DEV_DSET, readMbbi, NULL, "S7plc", "INP", devIn
 const devSupport devS7plcMbbiDirect = {DEV_DSET, readMbbiDirect, NULL, "S7plc", "INP", devIn,
     {"mbbiDirect", plcInteger, 4, 0, "INT16"}, 0, NULL, prepareMbbiDirect, NULL, NULL};
 const devSupport devS7plcLongin = {DEV_DSET, readLongin, NULL, "S7plc", "INP", devIn,
-    {"longin", plcInteger, 4, 0, "INT16"}, 0, NULL, NULL, NULL, NULL};
+    {"longin", plcInteger, 4, 0, "INT16"}, 0, NULL, NULL, NULL, prepareLongin};
 const devSupport devS7plcInt64in = {DEV_DSET, readInt64in, NULL, "S7plc", "INP", devIn,
     {"int64in", plcInteger, 8, 0, "INT16"}, 0, NULL, NULL, NULL, NULL};
 const devSupport devS7plcStringin = {DEV_DSET, readStringin, NULL, "S7plc", "INP", devIn,

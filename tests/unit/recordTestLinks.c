@@ -382,11 +382,75 @@ static void testScan(void)
     iocEnd();
 }
 
+/* --- Nonsense ----------------------------------------------------------------------------- */
+
+#define NONSENSE 2000
+
+/* The same numbers on every machine. */
+static unsigned dice(unsigned sides)
+{
+    static epicsUInt32 seed = 1;
+
+    seed = seed * 1664525u + 1013904223u;
+    return (seed >> 8) % sides;
+}
+
+/* A link of pieces that links are made of, in any order. */
+static void nonsense(char *text, size_t size)
+{
+    static const char *const pieces[] = {
+        "@", "P", "/", "0", "12", "65536", "-", "+", " ", "'", "T=", "L=", "H=", "B=", "R=",
+        "INT16", "STRING", "FLOAT", "TIME", "QWORD", "0x", "99999999999999999999", "=", "\t",
+        "\xff", "%s%n", "/4 T=INT8", "@P/", "1e9", ";",
+    };
+    unsigned n = dice(12);
+
+    strcpy(text, dice(4) ? "@P/" : "@");
+    while (n-- && strlen(text) + 25 < size)
+        strcat(text, pieces[dice(COUNT(pieces))]);
+}
+
+static void testNonsense(void)
+{
+    static const char *const types[] = {"ai", "bo", "stringin", "lso", "waveform", "mbbo"};
+    epicsUInt8 block[BLOCK] = {1, 2};
+    unsigned i, good = 0, bad = 0;
+    plcStation *station;
+    char text[200], pv[40];
+    size_t t;
+
+    iocBegin();
+    station = makeStation("P", 1, BLOCK, BLOCK);
+    for (t = 0; t < COUNT(types); t++)
+        makeRecord(types[t], types[t], strcmp(types[t], "waveform") ? "" :
+                   "FTVL=CHAR|NELM=20");
+    iocRunOk();
+    publish(station, block, 1);
+    for (i = 0; i < NONSENSE; i++) {
+        t = i % COUNT(types);
+        nonsense(text, sizeof(text));
+        epicsSnprintf(pv, sizeof(pv), "%s.%s", types[t], linkField(types[t]));
+        put(pv, text);
+        put(field(types[t], "PROC"), "1");
+        if (strcmp(get(field(types[t], "STAT")), "LINK") == 0)
+            bad++;
+        else
+            good++;
+    }
+    testOk(bad > NONSENSE / 2 && good > 0, "%u nonsense links refused, %u others work", bad,
+           good);
+    put("ai.INP", "@P/0");
+    put("ai.PROC", "1");
+    isValue("ai", "258", "after them a good link works");
+    iocEnd();
+}
+
 MAIN(recordTestLinks)
 {
-    testPlan((int)(6 * COUNT(refused) + 2 * COUNT(warned) + 1 + 11 * COUNT(changes) + 10));
+    testPlan((int)(6 * COUNT(refused) + 2 * COUNT(warned) + 1 + 11 * COUNT(changes) + 12));
     testMessages();
     testChanges();
     testScan();
+    testNonsense();
     return testDone();
 }
