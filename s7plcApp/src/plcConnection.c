@@ -120,7 +120,7 @@ void plcConnectionClose(plcConnection *c, const char *why, epicsUInt64 now)
         c->since = now;
     c->state = plcConnectionDown;
     c->sent = c->outSize;
-    if (why)
+    if (why && why != c->error)
         epicsSnprintf(c->error, sizeof(c->error), "%s", why);
 }
 
