@@ -402,6 +402,8 @@ static void setLeader(plcStation *s, int leader, epicsUInt64 now)
     if (leader >= 0) {
         /* The new PLC gets what the old one had, at once. */
         s->lastSend = 0;
+        s->dirtySince = 0;
+        epicsAtomicSetIntT(&s->sendNow, 0);
         s->nextOutScan = now + msToNs(s->now.sendInterval);
         if (epicsAtomicGetIntT(&s->written) && !s->now.sync)
             plcImageTouch(s->out);
@@ -516,6 +518,8 @@ static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
     }
     line->logged = 0;
     line->lastBlock = 0;
+    s->frozen = 0;    /* the alive word may have stood still all the time; */
+    s->lastAlive = 0; /* judged from the first block of this connection on */
     epicsMutexMustLock(s->lock);
     s->stats.connects++;
     epicsMutexUnlock(s->lock);
