@@ -233,7 +233,10 @@ void plcStationsDestroy(void)
         epicsEventDestroy(s->ended);
         epicsMutexDestroy(s->lock);
         free(s->held);
-        free(s); /* its scan lists stay: EPICS has no way to free them */
+        plcScanDestroy(s->inScan);
+        plcScanDestroy(s->outScan);
+        plcScanDestroy(s->statusScan);
+        free(s);
     }
     unlockList();
 }
