@@ -125,7 +125,7 @@ static void describe(const optRow *row, char *text, size_t size)
 
     switch (row->kind) {
     case optNumber:
-        epicsSnprintf(text, size, "%g to %g %s", row->min, row->max, row->unit);
+        epicsSnprintf(text, size, "%.10g to %.10g %s", row->min, row->max, row->unit);
         break;
     case optChoice:
         epicsSnprintf(text, size, "%s", row->words);
@@ -244,7 +244,7 @@ static void valueText(const optRow *row, const plcOptions *o, char *text, size_t
     }
     number = *(double *)field(any, row->field);
     if (row->kind == optNumber) {
-        epicsSnprintf(text, size, "%g", number);
+        epicsSnprintf(text, size, "%.10g", number);
     } else if (number < 0) {
         epicsSnprintf(text, size, "off");
     } else if (row->kind == optAlive) {
