@@ -1,0 +1,232 @@
+/* One TCP connection against a real peer on loopback: made, refused, closed, reset, blocks
+ * in, and a block out that the kernel takes in pieces. */
+#include <poll.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <epicsUnitTest.h>
+#include <testMain.h>
+
+#include "plcConnection.h"
+#include "testTools.h"
+
+static const struct in_addr *loopback(void)
+{
+    static struct in_addr address;
+
+    address.s_addr = htonl(INADDR_LOOPBACK);
+    return &address;
+}
+
+static epicsUInt64 now(void)
+{
+    return epicsMonotonicGet();
+}
+
+/* Waits as a station does. Returns the events, 0 when patience is at an end. */
+static short await(plcConnection *c)
+{
+    struct pollfd p = {c->socket, plcConnectionEvents(c), 0};
+
+    return poll(&p, 1, PATIENCE_S * 1000) > 0 ? p.revents : 0;
+}
+
+static int finish(plcConnection *c)
+{
+    int status = 0;
+
+    while (status == 0 && await(c))
+        status = plcConnectionFinish(c, now());
+    return status;
+}
+
+/* Connects to a listener. Returns the PLC's end. */
+static int connected(plcConnection *c, size_t inSize, size_t outSize)
+{
+    int port = 0, listener = toolListen(&port), fd;
+
+    plcConnectionInit(c, inSize, outSize);
+    if (plcConnectionOpen(c, *loopback(), htons((unsigned short)port), now()))
+        testAbort("cannot connect");
+    fd = toolAccept(listener);
+    if (fd < 0 || finish(c) != 1)
+        testAbort("no connection");
+    toolClose(listener);
+    return fd;
+}
+
+static void testRefused(void)
+{
+    plcConnection c;
+    int status;
+
+    plcConnectionInit(&c, 10, 10);
+    testOk(c.state == plcConnectionDown && plcConnectionEvents(&c) == 0 &&
+               !plcConnectionIdle(&c),
+           "not connected at first");
+    status = plcConnectionOpen(&c, *loopback(), htons((unsigned short)toolFreePort()), now());
+    if (status == 0)
+        status = finish(&c);
+    testOk(status == -1 && c.state == plcConnectionDown && c.socket == INVALID_SOCKET &&
+               strcmp(c.error, "connection refused by PLC") == 0,
+           "refused: %s", c.error);
+    plcConnectionFree(&c);
+}
+
+static void testMade(void)
+{
+    plcConnection c;
+    int fd = connected(&c, 4, 4);
+
+    testOk(c.state == plcConnectionUp && c.error[0] == 0, "connected");
+    testOk(plcConnectionIdle(&c) && plcConnectionEvents(&c) == POLLIN,
+           "idle: it waits for input only");
+    testOk(plcConnectionReceive(&c, now()) == 0, "nothing there: 0 bytes, no error");
+    plcConnectionClose(&c, "test is over", now());
+    testOk(c.state == plcConnectionDown && strcmp(c.error, "test is over") == 0, "closed");
+    testOk(toolClosed(fd), "and the peer sees it");
+    toolClose(fd);
+    plcConnectionFree(&c);
+}
+
+static void testInput(void)
+{
+    plcConnection c;
+    int fd = connected(&c, 4, 0), got, total = 0;
+
+    toolSend(fd, "ABCDEFGHIJ", 10);
+    while (total < 10 && await(&c)) {
+        got = plcConnectionReceive(&c, now());
+        if (got < 0)
+            break;
+        total += got;
+    }
+    testOk(total == 10 && plcFramingCount(c.framing) == 2 &&
+               memcmp(plcFramingNewest(c.framing), "EFGH", 4) == 0,
+           "ten bytes are two blocks of four, EFGH the newest");
+    plcFramingConsume(c.framing);
+    toolSend(fd, "KL", 2);
+    while (plcFramingCount(c.framing) == 0 && await(&c) && plcConnectionReceive(&c, now()) >= 0)
+        ;
+    testOk(plcFramingCount(c.framing) == 1 &&
+               memcmp(plcFramingNewest(c.framing), "IJKL", 4) == 0,
+           "the third block comes in two parts");
+    toolSend(fd, "MNOP", 4);
+    toolClose(fd);
+    plcFramingConsume(c.framing);
+    while (await(&c) && plcConnectionReceive(&c, now()) >= 0)
+        ;
+    testOk(c.state == plcConnectionDown && plcFramingCount(c.framing) == 1 &&
+               strcmp(c.error, "connection closed by PLC") == 0,
+           "closed by the PLC: the block before the end is there");
+    plcConnectionFree(&c);
+}
+
+static void testReset(void)
+{
+    plcConnection c;
+    int fd = connected(&c, 4, 4), status = 0;
+
+    toolReset(fd);
+    while (status >= 0 && await(&c))
+        status = plcConnectionReceive(&c, now());
+    testOk(status == -1 && c.state == plcConnectionDown &&
+               strcmp(c.error, "connection reset by PLC") == 0,
+           "reset while receiving: %s", c.error);
+    plcConnectionFree(&c);
+
+    fd = connected(&c, 4, 4);
+    toolReset(fd);
+    await(&c);
+    memcpy(c.out, "1234", 4);
+    status = plcConnectionSend(&c, 1, now());
+    if (status >= 0)
+        status = plcConnectionSend(&c, 1, now());
+    testOk(status == -1 && c.state == plcConnectionDown &&
+               strcmp(c.error, "connection reset by PLC") == 0,
+           "reset while sending: %s (and no SIGPIPE)", c.error);
+    plcConnectionFree(&c);
+}
+
+/* More than the kernel takes at once, to a peer that does not read at first. */
+static void testPartialSend(void)
+{
+    const size_t size = 12 << 20;
+    char *block = malloc(size), *received = malloc(size);
+    plcConnection c;
+    int fd = connected(&c, 0, size), status, stops = 0;
+    size_t i, got = 0;
+
+    for (i = 0; i < size; i++)
+        block[i] = (char)(i * 2654435761u >> 13);
+    memcpy(c.out, block, size);
+    status = plcConnectionSend(&c, 1, now());
+    testOk(status == 0 && !plcConnectionIdle(&c) &&
+               plcConnectionEvents(&c) == (POLLIN | POLLOUT),
+           "a block that the kernel does not take whole: it waits for room");
+    while (status == 0) {
+        long n = toolPeek(fd, received + got, size - got > 65536 ? 65536 : size - got);
+
+        if (n < 0)
+            break;
+        got += (size_t)n;
+        status = plcConnectionSend(&c, 0, now());
+        stops += status == 0;
+    }
+    testOk(status == 1 && plcConnectionIdle(&c), "it goes on as the peer reads (%d times)",
+           stops);
+    got += toolReceive(fd, received + got, size - got);
+    testOk(got == size && memcmp(block, received, size) == 0, "and arrives byte by byte");
+
+    plcConnectionSend(&c, 1, now());
+    plcConnectionClose(&c, "given up", now());
+    testOk(c.sent == c.outSize, "a half sent block is forgotten when the connection goes");
+    toolClose(fd);
+    plcConnectionFree(&c);
+    free(block);
+    free(received);
+}
+
+/* The second connection of one plcConnection begins afresh. */
+static void testAgain(void)
+{
+    int port = 0, listener = toolListen(&port), fd, round;
+    plcConnection c;
+    char block[4];
+
+    plcConnectionInit(&c, 4, 4);
+    for (round = 0; round < 3; round++) {
+        plcConnectionOpen(&c, *loopback(), htons((unsigned short)port), now());
+        fd = toolAccept(listener);
+        finish(&c);
+        toolSend(fd, "ABCDEF", 6);
+        while (plcFramingCount(c.framing) == 0 && await(&c) &&
+               plcConnectionReceive(&c, now()) >= 0)
+            ;
+        memcpy(c.out, "WXYZ", 4);
+        plcConnectionSend(&c, 1, now());
+        testOk(memcmp(plcFramingNewest(c.framing), "ABCD", 4) == 0 &&
+                   toolReceive(fd, block, 4) == 4 && memcmp(block, "WXYZ", 4) == 0,
+               "connection %d carries whole blocks", round + 1);
+        /* Opening anew closes the old one. */
+        plcConnectionOpen(&c, *loopback(), htons((unsigned short)port), now());
+        testOk(toolClosed(fd), "the old one is closed");
+        toolClose(fd);
+        fd = toolAccept(listener);
+        toolClose(fd);
+    }
+    toolClose(listener);
+    plcConnectionFree(&c);
+}
+
+MAIN(connectionTest)
+{
+    testPlan(2 + 5 + 3 + 2 + 4 + 6);
+    testRefused();
+    testMade();
+    testInput();
+    testReset();
+    testPartialSend();
+    testAgain();
+    return testDone();
+}

@@ -1,0 +1,171 @@
+/* The table of options: each key with its range, what is refused and in which words. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <epicsUnitTest.h>
+#include <testMain.h>
+
+#include "plcOptions.h"
+
+static const struct {
+    const char *key, *value;
+    const char *summary; /* all options that differ from the default; NULL: refused */
+} rows[] = {
+    {"recvTimeout", "500", "recvTimeout=500"},
+    {"recvTimeout", "10", "recvTimeout=10"},
+    {"recvTimeout", "3600000", "recvTimeout=3600000"},
+    {"recvTimeout", "9.9", NULL},
+    {"recvTimeout", "0", NULL},
+    {"recvTimeout", "-1", NULL},
+    {"recvTimeout", "3600001", NULL},
+    {"recvTimeout", "", NULL},
+    {"recvTimeout", "fast", NULL},
+    {"recvTimeout", "5 s", NULL},
+    {"recvTimeout", "nan", NULL},
+    {"recvTimeout", "inf", NULL},
+    {"RECVTIMEOUT", "500", "recvTimeout=500"},
+    {"sendInterval", "1", "sendInterval=1"},
+    {"sendInterval", "0.5", NULL},
+    {"holdoff", "0", "holdoff=0"},
+    {"holdoff", "10000", "holdoff=10000"},
+    {"holdoff", "10001", NULL},
+    {"heartbeat", "500", "heartbeat=500"},
+    {"heartbeat", "0", ""},
+    {"heartbeat", "-1", NULL},
+    {"offlineWrites", "reject", "offlineWrites=reject"},
+    {"offlineWrites", "REJECT", "offlineWrites=reject"},
+    {"offlineWrites", "keep", ""},
+    {"offlineWrites", "rej", NULL},
+    {"offlineWrites", "rejected", NULL},
+    {"offlineWrites", "", NULL},
+    {"offlineWrites", "1", NULL},
+    {"minUpdate", "50", "minUpdate=50"},
+    {"minUpdate", "-0.1", NULL},
+    {"scan", "changed", "scan=changed"},
+    {"scan", "all", ""},
+    {"scan", "some", NULL},
+    {"wholeBlock", "on", "wholeBlock=on"},
+    {"wholeBlock", "1", "wholeBlock=on"},
+    {"wholeBlock", "0", ""},
+    {"wholeBlock", "2", NULL},
+    {"alive", "4", "alive=4,UINT16"},
+    {"alive", "0x10,UINT32", "alive=16,UINT32"},
+    {"alive", "4,byte", "alive=4,UINT8"},
+    {"alive", "4,INT64", "alive=4,INT64"},
+    {"alive", "off", ""},
+    {"alive", "4,REAL32", NULL},
+    {"alive", "4,STRING", NULL},
+    {"alive", "4,", NULL},
+    {"alive", "4 UINT16", NULL},
+    {"alive", "-4", NULL},
+    {"alive", "", NULL},
+    {"alive", "16777217", NULL},
+    {"aliveTimeout", "100", "aliveTimeout=100"},
+    {"aliveTimeout", "9", NULL},
+    {"timestamp", "8", "timestamp=8,DT"},
+    {"timestamp", "8,DTL", "timestamp=8,DTL"},
+    {"timestamp", "8,dt", "timestamp=8,DT"},
+    {"timestamp", "8,UTC", NULL},
+    {"timestamp", "off", ""},
+    {"readback", "64", "readback=64"},
+    {"readback", "64,DT", NULL},
+    {"readback", "off", ""},
+    {"track", "on", "track=on"},
+    {"track", "maybe", NULL},
+    {"connectTimeout", "50", "connectTimeout=50"},
+    {"connectTimeout", "49", NULL},
+    {"noSuchKey", "1", NULL},
+    {"", "1", NULL},
+};
+
+static void testRow(size_t row)
+{
+    plcOptions options, before;
+    char error[400] = "", summary[400];
+    int status;
+
+    plcOptionsDefault(&options);
+    before = options;
+    status = plcOptionsSet(&options, rows[row].key, rows[row].value, 0, error, sizeof(error));
+    plcOptionsSummary(&options, summary, sizeof(summary));
+    if (rows[row].summary)
+        testOk(status == 0 && strcmp(summary, rows[row].summary) == 0,
+               "%s=%s is taken: \"%s\"", rows[row].key, rows[row].value, summary);
+    else
+        testOk(status == -1 && memcmp(&options, &before, sizeof(options)) == 0 &&
+                   strstr(error, "allowed:"),
+               "%s=%s is refused: %s", rows[row].key, rows[row].value, error);
+}
+
+static void testTexts(void)
+{
+    plcOptions options;
+    char error[400];
+
+    plcOptionsDefault(&options);
+    plcOptionsSet(&options, "heartbeat", "-1", 0, error, sizeof(error));
+    testOk(strcmp(error, "option heartbeat=-1; allowed: 0 to 3600000 ms") == 0,
+           "a number says its range and unit: %s", error);
+    plcOptionsSet(&options, "scan", "x", 0, error, sizeof(error));
+    testOk(strcmp(error, "option scan=x; allowed: all|changed") == 0,
+           "a choice says its words: %s", error);
+    plcOptionsSet(&options, "hartbeat", "1", 0, error, sizeof(error));
+    testOk(strstr(error, "\"hartbeat\"") && strstr(error, " heartbeat") &&
+               strstr(error, " connectTimeout"),
+           "an unknown key names all keys");
+    testOk(plcOptionsSet(&options, "scan", "changed", 1, error, sizeof(error)) == -1 &&
+               strstr(error, "before iocInit"),
+           "scan only before iocInit: %s", error);
+    testOk(plcOptionsSet(&options, "readback", "4", 1, error, sizeof(error)) == -1 &&
+               strstr(error, "before iocInit"),
+           "readback only before iocInit");
+    testOk(plcOptionsSet(&options, "heartbeat", "100", 1, error, sizeof(error)) == 0 &&
+               options.heartbeat == 100,
+           "heartbeat at any time");
+    {
+        char small[10] = "";
+
+        plcOptionsSet(&options, "heartbeat", "forever", 0, small, sizeof(small));
+        testOk(strlen(small) < sizeof(small), "a small buffer is not overrun");
+        plcOptionsSummary(&options, small, sizeof(small));
+        testOk(strlen(small) < sizeof(small), "nor by the summary");
+        plcOptionsSet(&options, "no", "1", 0, small, sizeof(small));
+        testOk(strlen(small) < sizeof(small), "nor by the list of keys");
+    }
+}
+
+/* The printed table has a line for each key. */
+static void testPrint(void)
+{
+    plcOptions options;
+    char error[200], *text = NULL;
+    size_t size = 0;
+    FILE *file = open_memstream(&text, &size);
+
+    plcOptionsDefault(&options);
+    plcOptionsSet(&options, "alive", "6,INT32", 0, error, sizeof(error));
+    plcOptionsPrint(&options, file);
+    fclose(file);
+    testOk(strstr(text, "recvTimeout") && strstr(text, "6,INT32") &&
+               strstr(text, "keep|reject") && strstr(text, "connectTimeout"),
+           "the table shows keys, values and what is allowed");
+    free(text);
+    file = open_memstream(&text, &size);
+    plcOptionsPrint(NULL, file);
+    fclose(file);
+    testOk(strstr(text, "alive           off") != NULL, "or the defaults");
+    free(text);
+}
+
+MAIN(optionsTest)
+{
+    size_t i;
+
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 11);
+    for (i = 0; i < sizeof(rows) / sizeof(rows[0]); i++)
+        testRow(i);
+    testTexts();
+    testPrint();
+    return testDone();
+}

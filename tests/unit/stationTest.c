@@ -1,0 +1,862 @@
+/* A real station, with its thread and its sockets, against a PLC on loopback that the test
+ * plays itself: one step of the PLC, then wait for what the station makes of it. */
+#include <fcntl.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <sys/resource.h>
+
+#include <epicsUnitTest.h>
+#include <errlog.h>
+#include <testMain.h>
+
+#include "plcStation.h"
+#include "testTools.h"
+
+#define IN 16
+#define OUT 8
+
+static plcStation *make(const char *name, const char *address, int port, size_t in,
+                        size_t out, unsigned recvTimeout, unsigned sendInterval)
+{
+    plcStationConfig config = {.name = name,
+                               .address = {address, ""},
+                               .port = port,
+                               .inSize = in,
+                               .outSize = out,
+                               .bigEndian = 1,
+                               .recvTimeout = recvTimeout,
+                               .sendInterval = sendInterval};
+
+    return plcStationCreate(&config);
+}
+
+static void set(plcStation *s, const char *key, const char *value)
+{
+    char error[400];
+
+    if (plcStationSetOption(s, key, value, error, sizeof(error)))
+        testAbort("%s", error);
+}
+
+/* A station that is connected to us, with scans on. Returns the PLC's end. */
+static int station(plcStation **s, int *listener, const char *option, const char *value,
+                   unsigned sendInterval)
+{
+    int port = 0;
+
+    *listener = toolListen(&port);
+    *s = make("PLC", "127.0.0.1", port, IN, OUT, 60000, sendInterval);
+    if (option)
+        set(*s, option, value);
+    plcStationsStart();
+    plcStationsRun();
+    return toolAccept(*listener);
+}
+
+static void end(int fd, int listener)
+{
+    plcStationsDestroy();
+    toolClose(fd);
+    toolClose(listener);
+}
+
+static plcStats stats(plcStation *s)
+{
+    plcStats st;
+
+    plcStationStats(s, &st);
+    return st;
+}
+
+static const char *reason(plcStation *s)
+{
+    static char text[PLC_REASON_SIZE];
+
+    plcImageReason(plcStationInput(s), text);
+    return text;
+}
+
+/* The first byte of the input block; -1: not valid. */
+static int value(plcStation *s)
+{
+    unsigned char byte;
+
+    return plcImageRead(plcStationInput(s), 0, 1, &byte, NULL) ? -1 : byte;
+}
+
+static void sendBlock(int fd, int first)
+{
+    unsigned char block[IN];
+
+    memset(block, 0, sizeof(block));
+    block[0] = (unsigned char)first;
+    toolSend(fd, block, sizeof(block));
+}
+
+/* Sends a block and waits until it is in the image. */
+static int blockArrives(plcStation *s, int fd, int first)
+{
+    sendBlock(fd, first);
+    WAIT_FOR(value(s) == first);
+    return value(s) == first;
+}
+
+static int put(plcStation *s, size_t offset, int byte)
+{
+    char text[PLC_REASON_SIZE];
+    unsigned char data = (unsigned char)byte;
+
+    return plcStationWrite(s, offset, 1, &data, NULL, text);
+}
+
+/* True when the station has looked around and sent nothing: it took a block meanwhile. */
+static int silent(plcStation *s, int fd)
+{
+    static int token;
+    char bytes[100];
+
+    token = token % 250 + 1;
+    return blockArrives(s, fd, token) && toolPeek(fd, bytes, sizeof(bytes)) == 0;
+}
+
+static int outBlock(int fd, unsigned char block[OUT])
+{
+    return toolReceive(fd, block, OUT) == OUT;
+}
+
+/* --- Input ------------------------------------------------------------------------------*/
+
+static void testFirstBlock(void)
+{
+    plcStation *s;
+    int listener, fd = station(&s, &listener, NULL, NULL, 50);
+    plcStats st;
+
+    testDiag("Each connection begins invalid");
+    WAIT_FOR(stats(s).state == plcStateWaiting);
+    testOk(stats(s).state == plcStateWaiting && value(s) == -1 &&
+               strcmp(reason(s), "connected, waiting for first block") == 0,
+           "connected: not valid, \"%s\"", reason(s));
+    toolSend(fd, "\1\2\3\4\5\6\7\10\11\12\13\14\15\16\17", IN - 1);
+    WAIT_FOR(stats(s).bytesIn == IN - 1);
+    testOk(stats(s).bytesIn == IN - 1 && value(s) == -1, "all but one byte: not valid");
+    toolSend(fd, "\20", 1);
+    WAIT_FOR(value(s) == 1);
+    testOk(value(s) == 1 && reason(s)[0] == 0, "the last byte makes it valid");
+    WAIT_FOR(stats(s).state == plcStateOk);
+    st = stats(s);
+    testOk(st.connected && st.alive && st.state == plcStateOk && st.blocksIn == 1,
+           "connected, alive, one block");
+    testOk(blockArrives(s, fd, 77), "the next block replaces it");
+    toolClose(fd);
+    fd = toolAccept(listener);
+    WAIT_FOR(stats(s).connects == 2);
+    testOk(value(s) == -1, "a new connection: old data is not valid");
+    testOk(strcmp(stats(s).lastError, "connection closed by PLC") == 0, "last error: %s",
+           stats(s).lastError);
+    testOk(blockArrives(s, fd, 78), "until its first block");
+    st = stats(s);
+    testOk(st.connects == 2 && st.disconnects == 1 && st.blocksIn == 3 &&
+               st.bytesIn == 3 * IN,
+           "all of it is counted");
+    plcStationStatsReset(s);
+    st = stats(s);
+    testOk(st.connects == 0 && st.blocksIn == 0 && st.connected && st.state == plcStateOk,
+           "and set to zero on demand");
+    end(fd, listener);
+}
+
+static void testClosed(void)
+{
+    plcStation *s;
+    int listener, fd = station(&s, &listener, NULL, NULL, 50);
+
+    blockArrives(s, fd, 1);
+    toolClose(listener);
+    toolClose(fd);
+    WAIT_FOR(stats(s).connectErrors > 3);
+    testOk(value(s) == -1 && stats(s).state == plcStateConnecting &&
+               strcmp(reason(s), "connection refused by PLC") == 0,
+           "PLC off: not valid, \"%s\"", reason(s));
+    testOk(!plcStationConnected(s, NULL), "not connected");
+    end(-1, -1);
+}
+
+static void testBacklog(void)
+{
+    enum { N = 200 };
+    unsigned char blocks[N][IN];
+    plcStation *s;
+    int listener, fd = station(&s, &listener, NULL, NULL, 50), i;
+    plcStats st;
+
+    for (i = 0; i < N; i++)
+        memset(blocks[i], i + 1, IN);
+    toolSend(fd, blocks, sizeof(blocks));
+    WAIT_FOR(value(s) == N);
+    st = stats(s);
+    testOk(value(s) == N && st.blocksIn == N, "%d blocks at once: all counted, the newest "
+           "is in the image (%llu skipped)", N, (unsigned long long)st.skipped);
+    end(fd, listener);
+}
+
+static void testDeadline(void)
+{
+    plcStation *s;
+    int listener, fd = station(&s, &listener, "recvTimeout", "200", 50);
+    epicsUInt64 start;
+
+    blockArrives(s, fd, 1);
+    start = epicsMonotonicGet();
+    WAIT_FOR(stats(s).disconnects == 1);
+    testOk(stats(s).disconnects == 1 && epicsMonotonicGet() - start > 190000000ull &&
+               strcmp(stats(s).lastError, "no block for 0.2 s") == 0,
+           "silence: %s", stats(s).lastError);
+    toolClose(fd);
+    fd = toolAccept(listener);
+    blockArrives(s, fd, 2);
+    WAIT_FOR(toolSend(fd, "x", 1) || stats(s).disconnects == 2 || stats(s).bytesIn > 3 * IN);
+    testOk(stats(s).disconnects == 2 || stats(s).bytesIn > 3 * IN,
+           "bytes that trickle do not put the deadline off");
+    end(fd, listener);
+}
+
+static void testTrickle(void)
+{
+    plcStation *s;
+    int port = 0, listener = toolListen(&port), fd, i;
+
+    s = make("PLC", "127.0.0.1", port, 65536, 0, 300, 50);
+    plcStationsStart();
+    plcStationsRun();
+    fd = toolAccept(listener);
+    for (i = 0; i < 60000 && stats(s).disconnects == 0; i++) {
+        toolSend(fd, "x", 1);
+        epicsThreadSleep(0.001); /* the PLC's period */
+    }
+    testOk(stats(s).disconnects == 1 && stats(s).blocksIn == 0 &&
+               strcmp(stats(s).lastError, "no block for 0.3 s") == 0,
+           "one deadline for the whole block: %d bytes did not put it off", i);
+    end(fd, listener);
+}
+
+static void testWrongSize(void)
+{
+    unsigned char block[60] = {0};
+    plcStation *s;
+    int listener, fd = station(&s, &listener, NULL, NULL, 50), i;
+    epicsUInt64 sent = 0;
+
+    for (i = 0; i < 50 && !stats(s).sizeMismatches; i++) {
+        toolSend(fd, block, 14);
+        sent += 14;
+        WAIT_FOR(stats(s).bytesIn == sent || stats(s).sizeMismatches);
+        epicsThreadSleep(0.005); /* the PLC's period */
+    }
+    testOk(stats(s).sizeMismatches == 1 && stats(s).blocksIn == 0,
+           "14 bytes where 16 are configured: found out, no block was used");
+    testOk(strcmp(reason(s), "PLC sends 14 bytes, inSize is 16") == 0 &&
+               stats(s).state == plcStateWrongSize && stats(s).burstSize == 14,
+           "both sizes are told: %s", reason(s));
+    testOk(toolClosed(fd), "the connection is closed");
+    toolClose(fd);
+    fd = toolAccept(listener);
+    WAIT_FOR(stats(s).connects == 2);
+    testOk(strcmp(reason(s), "PLC sends 14 bytes, inSize is 16") == 0 && value(s) == -1,
+           "connected again: the reason stays");
+    testOk(blockArrives(s, fd, 5), "blocks of the right size are taken");
+    WAIT_FOR(stats(s).burstSize == 0 && stats(s).state == plcStateOk);
+    testOk(stats(s).state == plcStateOk && stats(s).burstSize == 0, "and all is well again");
+    end(fd, listener);
+}
+
+static void sendAlive(int fd, int first, int word)
+{
+    unsigned char block[IN] = {0};
+
+    block[0] = (unsigned char)first;
+    block[5] = (unsigned char)word;
+    toolSend(fd, block, IN);
+}
+
+static void testAlive(void)
+{
+    plcStation *s;
+    int listener, fd = station(&s, &listener, "alive", "4,UINT16", 50);
+
+    set(s, "aliveTimeout", "150");
+    sendAlive(fd, 1, 7);
+    WAIT_FOR(value(s) == 1);
+    testOk(value(s) == 1, "alive word: the first block is valid");
+    WAIT_FOR((sendAlive(fd, 2, 7), stats(s).state == plcStateFrozen));
+    testOk(stats(s).state == plcStateFrozen && value(s) == -1 && stats(s).connected &&
+               strcmp(reason(s), "PLC frozen: alive word stands still") == 0,
+           "it stands still: \"%s\"", reason(s));
+    sendAlive(fd, 3, 8);
+    WAIT_FOR(value(s) == 3);
+    testOk(value(s) == 3, "it moves: valid");
+    WAIT_FOR((sendAlive(fd, 4, 8), stats(s).state == plcStateFrozen));
+    toolClose(fd);
+    fd = toolAccept(listener);
+    WAIT_FOR(stats(s).connects == 2);
+    sendAlive(fd, 5, 8);
+    WAIT_FOR(value(s) == 5);
+    testOk(value(s) == 5, "a new connection begins afresh");
+    set(s, "alive", "off");
+    WAIT_FOR((sendAlive(fd, 6, 8), value(s) == 6));
+    testOk(value(s) == 6, "option off: the word means nothing");
+    end(fd, listener);
+}
+
+static void testMinUpdate(void)
+{
+    plcStation *s;
+    int listener, fd = station(&s, &listener, "minUpdate", "3600000", 50);
+
+    testOk(blockArrives(s, fd, 1), "minUpdate: the first block is taken at once");
+    sendBlock(fd, 2);
+    sendBlock(fd, 3);
+    WAIT_FOR(stats(s).blocksIn == 3);
+    testOk(stats(s).blocksIn == 3 && value(s) == 1, "the next ones wait");
+    set(s, "minUpdate", "0");
+    WAIT_FOR(value(s) == 3);
+    testOk(value(s) == 3, "of those that waited the newest is taken");
+    end(fd, listener);
+}
+
+static void testClock(void)
+{
+    static const unsigned char dt[8] = {0x24, 0x02, 0x29, 0x12, 0x34, 0x56, 0x78, 0x95};
+    unsigned char block[IN] = {1};
+    epicsTimeStamp stamp = {0, 0}, arrival;
+    plcStation *s;
+    int listener, fd = station(&s, &listener, "timestamp", "8", 50);
+    unsigned char byte;
+
+    memcpy(block + 8, dt, 8);
+    toolSend(fd, block, IN);
+    WAIT_FOR(value(s) == 1);
+    plcImageRead(plcStationInput(s), 0, 1, &byte, &stamp);
+    testOk(stamp.secPastEpoch == 1078058096u && stamp.nsec == 789000000,
+           "the PLC's clock stamps the block");
+    epicsTimeGetCurrent(&arrival);
+    testOk(fabs(stats(s).clockOffset - epicsTimeDiffInSeconds(&stamp, &arrival)) < 3600,
+           "its offset to ours is known");
+    block[0] = 2;
+    block[9] = 0x13; /* month 13 */
+    toolSend(fd, block, IN);
+    WAIT_FOR(value(s) == 2);
+    plcImageRead(plcStationInput(s), 0, 1, &byte, &stamp);
+    testOk(fabs(epicsTimeDiffInSeconds(&stamp, &arrival)) < 3600 &&
+               stats(s).clockErrors == 1,
+           "nonsense in its place: the time of arrival, and it is counted");
+    end(fd, listener);
+}
+
+/* --- Connections ------------------------------------------------------------------------*/
+
+static void testRefused(void)
+{
+    int port = toolFreePort(), listener, fd;
+    plcStation *s = make("PLC", "127.0.0.1", port, IN, OUT, 60000, 50);
+
+    plcStationsStart();
+    plcStationsRun();
+    WAIT_FOR(stats(s).connectErrors >= 5);
+    testOk(stats(s).connectErrors >= 5 && stats(s).state == plcStateConnecting &&
+               strcmp(reason(s), "connection refused by PLC") == 0,
+           "refused: tries on, \"%s\"", reason(s));
+    listener = toolListen(&port);
+    fd = toolAccept(listener);
+    testOk(fd >= 0 && blockArrives(s, fd, 9), "and is there when the PLC comes");
+    end(fd, listener);
+}
+
+static void testBackoff(void)
+{
+    epicsUInt64 start = epicsMonotonicGet();
+    double seconds;
+    plcStation *s;
+    int listener, fd = station(&s, &listener, NULL, NULL, 50), i;
+
+    for (i = 0; i < 7; i++) {
+        toolClose(fd);
+        fd = toolAccept(listener);
+    }
+    seconds = (epicsMonotonicGet() - start) * 1e-9;
+    testOk(seconds > 1.4, "a PLC that hangs up at once is tried slower and slower "
+           "(8 connections took %.1f s)", seconds);
+    testOk(blockArrives(s, fd, 3), "but never given up");
+    end(fd, listener);
+}
+
+static void testMove(void)
+{
+    char error[200], text[300];
+    int port2 = 0, listener2 = toolListen(&port2), fd2;
+    plcStation *s;
+    int listener, fd = station(&s, &listener, NULL, NULL, 50);
+    static const char *const bad[] = {"", ":", ":80", "host:", "host:0", "host:65536",
+                                      "host:x", "a b:5", "host:80x"};
+    size_t i;
+
+    blockArrives(s, fd, 1);
+    for (i = 0; i < sizeof(bad) / sizeof(bad[0]); i++)
+        testOk(plcStationMove(s, bad[i], error, sizeof(error)) == -1, "\"%s\": %s", bad[i],
+               error);
+    testOk(stats(s).connected, "none of these touches the connection");
+    sprintf(text, "localhost:%d", port2);
+    testOk(plcStationMove(s, text, error, sizeof(error)) == 0, "moved");
+    fd2 = toolAccept(listener2);
+    testOk(fd2 >= 0 && toolClosed(fd), "the new PLC is connected, the old one is not");
+    plcStationAddress(s, error, sizeof(error));
+    testOk(strcmp(error, text) == 0, "its address is %s", error);
+    testOk(blockArrives(s, fd2, 2), "and its blocks are data");
+    toolClose(fd2);
+    toolClose(listener2);
+    end(fd, listener);
+}
+
+static void testNoAddress(void)
+{
+    char error[200], text[40];
+    int port = 0, listener = toolListen(&port), fd;
+    plcStation *s = make("PLC", "", 0, IN, OUT, 60000, 50);
+
+    plcStationsStart();
+    plcStationsRun();
+    WAIT_FOR(stats(s).state == plcStateNoAddress);
+    WAIT_FOR(strcmp(reason(s), "no address configured") == 0);
+    testOk(strcmp(reason(s), "no address configured") == 0, "no address: \"%s\"", reason(s));
+    testOk(plcStationMove(s, "127.0.0.1", error, sizeof(error)) == -1,
+           "a host alone is not enough: %s", error);
+    sprintf(text, "127.0.0.1:%d", port);
+    plcStationMove(s, text, error, sizeof(error));
+    fd = toolAccept(listener);
+    testOk(fd >= 0 && blockArrives(s, fd, 4), "host:port is");
+    end(fd, listener);
+}
+
+static void testUnknownHost(void)
+{
+    plcStation *s = make("PLC", "no-such-plc.invalid", 2000, IN, OUT, 60000, 50);
+
+    plcStationsStart();
+    plcStationsRun();
+    WAIT_FOR(stats(s).connectErrors > 0);
+    testOk(strncmp(reason(s), "no address for host", 19) == 0, "unknown host: \"%s\"",
+           reason(s));
+    end(-1, -1);
+}
+
+/* --- Output -----------------------------------------------------------------------------*/
+
+static void testBeforeRun(void)
+{
+    int port = 0, listener = toolListen(&port), fd;
+    plcStation *s = make("PLC", "127.0.0.1", port, IN, OUT, 60000, 50);
+    unsigned char block[OUT];
+
+    plcStationsStart();
+    fd = toolAccept(listener);
+    put(s, 0, 11);
+    put(s, 1, 22);
+    testOk(silent(s, fd), "before the PINI run is over nothing leaves");
+    put(s, 2, 33);
+    plcStationsRun();
+    testOk(outBlock(fd, block) && memcmp(block, "\13\26\41\0\0\0\0", 8) == 0,
+           "then all of it in one block");
+    testOk(silent(s, fd) && stats(s).blocksOut == 1, "and only once");
+    end(fd, listener);
+}
+
+static void testInterval(void)
+{
+    plcStation *s;
+    int listener, fd = station(&s, &listener, NULL, NULL, 3600000);
+    unsigned char block[OUT];
+
+    testOk(silent(s, fd), "nothing was written: nothing leaves");
+    put(s, 0, 1);
+    testOk(outBlock(fd, block) && block[0] == 1, "the first write leaves at once");
+    put(s, 0, 2);
+    testOk(silent(s, fd), "the next one waits for its interval");
+    plcStationSend(s);
+    testOk(outBlock(fd, block) && block[0] == 2, "unless s7plcSend sends it");
+    plcStationSend(s);
+    testOk(outBlock(fd, block) && block[0] == 2, "which also sends what has not changed");
+    put(s, 0, 3);
+    set(s, "sendInterval", "1");
+    testOk(outBlock(fd, block) && block[0] == 3, "a shorter interval holds at once");
+    end(fd, listener);
+}
+
+static void testRate(void)
+{
+    enum { INTERVAL = 40 };
+    plcStation *s;
+    int listener, fd = station(&s, &listener, "holdoff", "0", INTERVAL), i = 0, count = 0;
+    epicsUInt64 start = epicsMonotonicGet();
+    unsigned char block[OUT] = {0};
+    double ms;
+
+    while (count < 8) {
+        put(s, 0, i++ & 0x7f);
+        if (stats(s).blocksOut > (epicsUInt64)count)
+            count += outBlock(fd, block);
+        epicsThreadSleep(0.001); /* the pace of the writer */
+    }
+    put(s, 0, 200);
+    do
+        count += outBlock(fd, block);
+    while (block[0] != 200 && count < 1000);
+    ms = (epicsMonotonicGet() - start) * 1e-6;
+    testOk(block[0] == 200, "the last of %d writes arrives", i + 1);
+    testOk(count <= ms / INTERVAL + 1, "never more than one block each %d ms: %d in %.0f ms",
+           INTERVAL, count, ms);
+    end(fd, listener);
+}
+
+static void testHoldoff(void)
+{
+    plcStation *s;
+    int listener, fd = station(&s, &listener, "holdoff", "800", 1);
+    epicsUInt64 start = epicsMonotonicGet();
+    unsigned char block[OUT];
+
+    put(s, 0, 1);
+    put(s, 1, 2);
+    put(s, 2, 3);
+    testOk(outBlock(fd, block) && memcmp(block, "\1\2\3", 3) == 0 &&
+               epicsMonotonicGet() - start > 790000000ull,
+           "holdoff: a burst of writes is one block");
+    end(fd, listener);
+}
+
+static void testHeartbeat(void)
+{
+    plcStation *s;
+    int listener, fd = station(&s, &listener, "heartbeat", "30", 10), i, good = 0;
+    epicsUInt64 start = epicsMonotonicGet();
+    unsigned char block[OUT];
+    double ms;
+
+    for (i = 0; i < 6; i++)
+        good += outBlock(fd, block);
+    ms = (epicsMonotonicGet() - start) * 1e-6;
+    testOk(good == 6 && stats(s).heartbeats >= 5, "heartbeat: unchanged blocks leave");
+    testOk(ms > 5 * 30 - 35, "each 30 ms (6 in %.0f ms)", ms);
+    end(fd, listener);
+}
+
+static void testReconnect(void)
+{
+    plcStation *s;
+    int listener, fd = station(&s, &listener, NULL, NULL, 1);
+    unsigned char block[OUT];
+
+    blockArrives(s, fd, 1);
+    toolClose(fd);
+    fd = toolAccept(listener);
+    testOk(silent(s, fd), "connected again, nothing was ever written: nothing leaves");
+    put(s, 3, 44);
+    outBlock(fd, block);
+    toolClose(fd);
+    fd = toolAccept(listener);
+    testOk(outBlock(fd, block) && block[3] == 44,
+           "connected again: the image leaves, for a PLC that has forgotten it");
+    testOk(silent(s, fd), "once");
+    end(fd, listener);
+}
+
+static void testOffline(void)
+{
+    char text[PLC_REASON_SIZE];
+    unsigned char block[OUT];
+    plcStation *s;
+    int port = toolFreePort(), listener, fd, status;
+
+    s = make("PLC", "127.0.0.1", port, IN, OUT, 60000, 1);
+    plcStationsStart();
+    plcStationsRun();
+    WAIT_FOR(stats(s).connectErrors);
+    status = plcStationWrite(s, 0, 1, "\5", NULL, text);
+    testOk(status == 0 && strcmp(text, "connection refused by PLC") == 0,
+           "a write while the PLC is away is kept, and says: %s", text);
+    set(s, "offlineWrites", "reject");
+    status = plcStationWrite(s, 1, 1, "\6", NULL, text);
+    testOk(status == -1 && strcmp(text, "connection refused by PLC") == 0 &&
+               stats(s).refusedWrites == 1,
+           "offlineWrites=reject: refused and counted");
+    listener = toolListen(&port);
+    fd = toolAccept(listener);
+    testOk(outBlock(fd, block) && block[0] == 5 && block[1] == 0,
+           "on connect the kept one leaves, the refused one does not");
+    testOk(put(s, 1, 7) == 0 && outBlock(fd, block) && block[1] == 7,
+           "connected: writes pass");
+    end(fd, listener);
+}
+
+static void testOfflineReject(void)
+{
+    plcStation *s;
+    int port = toolFreePort(), listener, fd;
+
+    s = make("PLC", "127.0.0.1", port, IN, OUT, 60000, 1);
+    set(s, "offlineWrites", "reject");
+    plcStationsStart();
+    plcStationsRun();
+    testOk(put(s, 0, 5) == -1, "refused before the first connect");
+    listener = toolListen(&port);
+    fd = toolAccept(listener);
+    testOk(silent(s, fd), "nothing is queued to jump out later");
+    end(fd, listener);
+}
+
+/* The PLC reads slowly and hangs up within a block, again and again. */
+static void testKilledSends(void)
+{
+    const size_t size = 4 << 20;
+    unsigned char *block = malloc(size), *data = malloc(size);
+    int port = 0, listener = toolListen(&port), fd, round, spliced = 0;
+    plcStation *s;
+    char text[PLC_REASON_SIZE];
+    size_t i;
+
+    s = make("PLC", "127.0.0.1", port, 0, size, 60000, 1);
+    plcStationsStart();
+    plcStationsRun();
+    for (round = 1; round <= 6; round++) {
+        fd = toolAccept(listener);
+        WAIT_FOR(plcStationConnected(s, NULL));
+        memset(data, round, size);
+        plcStationWrite(s, 0, size, data, NULL, text);
+        /* blocks of one value each, the first of them maybe the one from before */
+        toolReceive(fd, block, (size_t)round * 300001);
+        for (i = 1; i < (size_t)round * 300001; i++)
+            spliced += block[i] != block[0];
+        if (round & 1)
+            toolReset(fd);
+        else
+            toolClose(fd);
+        WAIT_FOR(stats(s).disconnects >= (epicsUInt64)round);
+    }
+    fd = toolAccept(listener);
+    toolReceive(fd, block, size);
+    for (i = 0; i < size; i++)
+        spliced += block[i] != 6;
+    testOk(spliced == 0, "killed within a block six times: none is spliced, and the last "
+           "value arrives");
+    free(block);
+    free(data);
+    end(fd, listener);
+}
+
+/* --- Many stations, life and death --------------------------------------------------------*/
+
+static void testWriteOnly(void)
+{
+    int port = 0, listener = toolListen(&port), fd;
+    plcStation *s = make("PLC", "127.0.0.1", port, 0, OUT, 50, 1);
+    unsigned char block[OUT];
+
+    plcStationsStart();
+    plcStationsRun();
+    fd = toolAccept(listener);
+    WAIT_FOR(stats(s).state == plcStateOk);
+    testOk(stats(s).state == plcStateOk, "inSize 0: a connection is all it needs");
+    toolSend(fd, "garbage", 7);
+    WAIT_FOR(stats(s).bytesIn == 7);
+    put(s, 0, 9);
+    testOk(outBlock(fd, block) && block[0] == 9 && stats(s).disconnects == 0,
+           "it writes, and needs no block to stay connected");
+    toolClose(fd);
+    WAIT_FOR(stats(s).disconnects == 1);
+    testOk(stats(s).disconnects == 1, "but sees when the PLC hangs up");
+    end(-1, listener);
+}
+
+static void count(plcStation *s, void *arg)
+{
+    (void)s;
+    ++*(int *)arg;
+}
+
+static void testMany(void)
+{
+    enum { N = 200 };
+    int port = 0, listener = toolListen(&port), fd[N], i, good = 0, visited = 0, wrong = 0;
+    char name[20], names[60];
+    plcStation *s[N];
+    unsigned char block[OUT];
+
+    for (i = 0; i < N; i++) {
+        sprintf(name, "PLC%03d", i);
+        s[i] = make(name, "127.0.0.1", port, IN, OUT, 60000, 1);
+    }
+    testOk(plcStationFind("PLC117") == s[117] && !plcStationFind("PLC"), "found by name");
+    plcStationEach(count, &visited);
+    testOk(visited == N, "all are visited");
+    plcStationNames(names, sizeof(names));
+    testOk(strncmp(names, "PLC000 PLC001 ", 14) == 0 && strlen(names) < sizeof(names),
+           "and named: %s", names);
+    plcStationsStart();
+    plcStationsRun();
+    for (i = 0; i < N; i++)
+        fd[i] = toolAccept(listener);
+    for (i = 0; i < N; i++)
+        sendBlock(fd[i], 1 + i % 200);
+    for (i = 0; i < N; i++) {
+        WAIT_FOR(value(s[i]) > 0);
+        good += value(s[i]) > 0;
+        put(s[i], 0, i % 256);
+    }
+    for (i = 0; i < N; i++)
+        wrong += !outBlock(fd[i], block);
+    testOk(good == N && wrong == 0, "%d stations: each gets its block and sends one", N);
+    plcStationsDestroy();
+    for (i = 0; i < N; i++)
+        toolClose(fd[i]);
+    toolClose(listener);
+}
+
+static void testManyDescriptors(void)
+{
+    enum { N = 1100 };
+    struct rlimit limit;
+    int fd[N], i, listener, peer;
+    unsigned char block[OUT];
+    plcStation *s;
+
+    getrlimit(RLIMIT_NOFILE, &limit);
+    if (limit.rlim_cur < 2000 && limit.rlim_max >= 2000) {
+        limit.rlim_cur = 2000;
+        setrlimit(RLIMIT_NOFILE, &limit);
+    }
+    for (i = 0; i < N; i++)
+        fd[i] = open("/dev/null", O_RDONLY);
+    if (fd[N - 1] < 0) {
+        testSkip(2, "not so many descriptors allowed here");
+    } else {
+        peer = station(&s, &listener, NULL, NULL, 1);
+        testOk(peer > 1023 && blockArrives(s, peer, 99), "descriptors above 1023: reads");
+        put(s, 0, 98);
+        testOk(outBlock(peer, block) && block[0] == 98, "and writes");
+        end(peer, listener);
+    }
+    for (i = 0; i < N; i++)
+        if (fd[i] >= 0)
+            close(fd[i]);
+}
+
+/* exit() may come at any moment. */
+static void testStop(void)
+{
+    int port = 0, closedPort = toolFreePort(), listener = toolListen(&port), i, fd[3];
+    plcStation *s;
+    size_t size = 8 << 20;
+
+    make("no-address", "", 0, IN, OUT, 60000, 50);
+    make("refused", "127.0.0.1", closedPort, IN, OUT, 60000, 50);
+    make("black-hole", "192.0.2.1", 2000, IN, OUT, 60000, 50);
+    make("resolving", "no-such-plc.invalid", 2000, IN, OUT, 60000, 50);
+    make("local", "localhost", closedPort, IN, OUT, 60000, 50);
+    make("waiting", "127.0.0.1", port, IN, OUT, 60000, 50);
+    make("half-a-block", "127.0.0.1", port, IN, OUT, 60000, 50);
+    s = make("sending", "127.0.0.1", port, IN, size, 60000, 50);
+    plcStationsStart();
+    plcStationsRun();
+    for (i = 0; i < 3; i++) {
+        fd[i] = toolAccept(listener);
+        toolSend(fd[i], "half", 4);
+    }
+    put(s, 0, 1);
+    WAIT_FOR(stats(plcStationFind("refused")).connectErrors > 1);
+    WAIT_FOR(stats(s).bytesIn == 4);
+    plcStationsStop();
+    for (i = 0; i < 3; i++)
+        testOk(toolClosed(fd[i]), "stopped: connection %d is closed", i + 1);
+    testOk(plcStationConnected(s, NULL) == 0 || 1, "records may still ask");
+    plcStationsDestroy();
+    for (i = 0; i < 3; i++)
+        toolClose(fd[i]);
+    toolClose(listener);
+
+    make("never-started", "127.0.0.1", 1, IN, OUT, 60000, 50);
+    plcStationsDestroy();
+    plcStationsDestroy();
+    testPass("stopped before the start, and twice");
+    for (i = 0; i < 50; i++) {
+        make("PLC", i & 1 ? "localhost" : "127.0.0.1", closedPort, IN, OUT, 60000, 50);
+        plcStationsStart();
+        plcStationsDestroy();
+    }
+    testPass("stopped at once, 50 times");
+}
+
+static void testOptions(void)
+{
+    char error[400], *text = NULL;
+    size_t size = 0;
+    FILE *file;
+    plcStation *s = make("PLC", "", 0, IN, OUT, 1500, 70);
+
+    testOk(plcStationSetOption(s, "alive", "15", error, sizeof(error)) == -1 &&
+               strcmp(error, "option alive: 2 bytes at 15 do not fit the input block of 16") ==
+                   0,
+           "%s", error);
+    testOk(plcStationSetOption(s, "timestamp", "9", error, sizeof(error)) == -1, "%s", error);
+    testOk(plcStationSetOption(s, "readback", "9", error, sizeof(error)) == -1, "%s", error);
+    testOk(plcStationSetOption(s, "readback", "8", error, sizeof(error)) == 0, "readback=8");
+    testOk(plcStationSetOption(s, "scan", "changed", error, sizeof(error)) == 0,
+           "scan=changed before the start");
+    plcStationsStart();
+    testOk(plcStationSetOption(s, "scan", "all", error, sizeof(error)) == -1, "%s", error);
+    file = open_memstream(&text, &size);
+    plcStationReport(s, file, 2);
+    plcStationOptions(s, file);
+    fclose(file);
+    testOk(strstr(text, "recvTimeout=1500 sendInterval=70 scan=changed readback=8") != NULL,
+           "the report shows them");
+    free(text);
+    end(-1, -1);
+}
+
+MAIN(stationTest)
+{
+    testPlan(0);
+    eltc(0); /* the log is for people; here the test speaks */
+    testFirstBlock();
+    testClosed();
+    testBacklog();
+    testDeadline();
+    testTrickle();
+    testWrongSize();
+    testAlive();
+    testMinUpdate();
+    testClock();
+    testRefused();
+    testBackoff();
+    testMove();
+    testNoAddress();
+    testUnknownHost();
+    testBeforeRun();
+    testInterval();
+    testRate();
+    testHoldoff();
+    testHeartbeat();
+    testReconnect();
+    testOffline();
+    testOfflineReject();
+    testKilledSends();
+    testWriteOnly();
+    testMany();
+    testManyDescriptors();
+    testStop();
+    testOptions();
+    return testDone();
+}
