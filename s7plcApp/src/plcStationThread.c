@@ -749,8 +749,9 @@ static void countSent(plcStation *s, epicsUInt64 now)
     s->dirtySince = 0;
 }
 
-/* Goes on with a block that is half sent, or begins one (restart). */
-static void sendBlock(plcStation *s, int restart, epicsUInt64 now)
+/* Goes on with a block that is half sent, or begins one (restart). When it is
+ * through, or lost, timers have changed that were looked at before: *wake is now. */
+static void sendBlock(plcStation *s, int restart, epicsUInt64 now, epicsUInt64 *wake)
 {
     int leader = s->leader;
     plcConnection *c = &s->lines[leader].connection;
@@ -760,6 +761,8 @@ static void sendBlock(plcStation *s, int restart, epicsUInt64 now)
         countSent(s, now);
     else if (status < 0)
         lineLost(s, leader, now, c->error);
+    if (status)
+        *wake = now;
 }
 
 /* When the output image should leave; NEVER when there is no reason to. */
@@ -798,9 +801,8 @@ static void outputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     if (c->state != plcConnectionUp || !maySend(s))
         return;
     if (!plcConnectionIdle(c)) {
-        sendBlock(s, 0, now);
-        if (c->state != plcConnectionUp || !plcConnectionIdle(c))
-            return;
+        sendBlock(s, 0, now, wake);
+        return;
     }
     if (!s->dirtySince && plcImageDirty(s->out))
         s->dirtySince = now;
@@ -814,9 +816,7 @@ static void outputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     if (s->now.sync)
         plcSyncHeader(&s->sync, c->out, s->bigEndian);
     s->lastSend = now;
-    sendBlock(s, 1, now);
-    if (s->leader >= 0)
-        earlier(wake, sendDue(s));
+    sendBlock(s, 1, now, wake);
 }
 
 /* Output records with SCAN=I/O Intr: every sendInterval while connected. */
