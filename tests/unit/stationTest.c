@@ -828,7 +828,7 @@ static void testOptions(void)
 
 MAIN(stationTest)
 {
-    testPlan(0);
+    testPlan(101);
     eltc(0); /* the log is for people; here the test speaks */
     testFirstBlock();
     testClosed();
