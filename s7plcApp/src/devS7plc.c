@@ -99,15 +99,15 @@ static const char *linkText(dbCommon *prec)
     return link->value.instio.string;
 }
 
-static int findStation(devRecord *dev, const plcLink *link, plcLinkError *error)
+int devFindStation(devRecord *dev, const char *name, plcLinkError *error)
 {
     char names[80];
 
-    dev->station = plcStationFind(link->station);
+    dev->station = plcStationFind(name);
     if (dev->station)
         return 0;
     plcStationNames(names, sizeof(names));
-    return devFail(error, 0, "no PLC \"%.40s\"; configured: %s", link->station,
+    return devFail(error, 0, "no PLC \"%.40s\"; configured: %s", name,
                    names[0] ? names : "none (s7plcConfigure comes before iocInit)");
 }
 
@@ -200,10 +200,12 @@ static int resolve(dbCommon *prec, devRecord *dev, const char *text, plcLinkErro
     size_t room = 0;
     plcLink link;
 
+    if (support->direction == devStatistics)
+        return devResolveStatistics(shape.recordType, dev, text, error);
     if (plcLinkParse(text, &link, error))
         return -1;
     warn(prec, error);
-    if (findStation(dev, &link, error))
+    if (devFindStation(dev, link.station, error))
         return -1;
     if (support->direction == devStatus)
         return support->prepare ? support->prepare(prec, dev, &link, error) : 0;
@@ -215,11 +217,34 @@ static int resolve(dbCommon *prec, devRecord *dev, const char *text, plcLinkErro
     return place(prec, dev, &link, room, error);
 }
 
+/* Tells the station whose bytes these are. */
+static void enlist(dbCommon *prec, devRecord *dev)
+{
+    const devSupport *support = supportOf(prec);
+    plcUser *user = &dev->user;
+
+    if (!dev->type)
+        return;
+    user->name = prec->name;
+    user->recordType = support->shape.recordType;
+    user->output = support->direction == devOut;
+    user->offset = dev->offset;
+    user->length = dev->length;
+    user->type = dev->type;
+    user->mask = dev->shifted ? *dev->shifted : dev->mask;
+    user->hasReadback = (dev->has & plcHasR) != 0;
+    user->readback = dev->readback;
+    plcUsersAdd(plcStationUsers(dev->station), user);
+    dev->listed = 1;
+}
+
 static void release(devRecord *dev)
 {
     if (!dev)
         return;
     devFollowLeave(dev);
+    if (dev->listed)
+        plcUsersRemove(plcStationUsers(dev->station), &dev->user);
     if (dev->shifted)
         *dev->shifted = dev->unshifted;
     free(dev->reason);
@@ -238,6 +263,7 @@ static void attach(dbCommon *prec)
     if (resolve(prec, dev, text, &error) == 0) {
         if (dev->has & plcHasR)
             devFollowJoin(prec, dev);
+        enlist(prec, dev);
         return;
     }
     dev->station = NULL;
@@ -298,6 +324,9 @@ long devIointInfo(int leave, dbCommon *prec, IOSCANPVT *list)
         break;
     case devOut:
         *list = plcStationOutScan(dev->station, prec->prio, leave);
+        break;
+    case devStatistics:
+        *list = plcStationStatsScan(dev->station, prec->prio, leave);
         break;
     default:
         *list = plcStationStatusScan(dev->station, prec->prio, leave);

@@ -20,13 +20,17 @@
 
 #include "plcLink.h"
 #include "plcStation.h"
+#include "plcUsers.h"
+
+struct plcStatRow;
 
 #define DEV_SCALAR 8 /* bytes of the widest element */
 
 typedef enum {
     devIn,    /* INP in the input block; I/O Intr: with each block */
     devOut,   /* OUT in the output block; I/O Intr: each sendInterval */
-    devStatus /* no place in a block; I/O Intr: also when the connection comes or goes */
+    devStatus, /* no place in a block; I/O Intr: also when the connection comes or goes */
+    devStatistics /* nor this; the link names a statistic; I/O Intr: once a second too */
 } devDirection;
 
 /* What is kept for one record: its dpvt. */
@@ -46,6 +50,9 @@ typedef struct devRecord {
     epicsUInt32 *shifted; /* MASK of a multibit record, which we have shifted by SHFT, */
     epicsUInt32 unshifted; /* and what it was; NULL and 0 else */
     int buffered;        /* prepare sets this: make a buffer */
+    const struct plcStatRow *statistic; /* of a devStatistics record */
+    plcUser user;        /* its place, for people; in a list while `listed` */
+    int listed;
     epicsUInt8 *buffer;  /* strings, arrays: `length` bytes in wire order, else NULL */
     /* outputs with a read-back */
     ELLNODE node;        /* in the list of records that follow */
@@ -102,6 +109,13 @@ long devIointInfo(int leave, dbCommon *prec, IOSCANPVT *list);
 /* Fills *error. Returns -1, so that a refusal is one line. */
 int devFail(plcLinkError *error, size_t column, const char *format, ...)
     EPICS_PRINTF_STYLE(3, 4);
+
+/* Finds the station of this name. Returns 0 and dev->station, or -1 with *error. */
+int devFindStation(devRecord *dev, const char *name, plcLinkError *error);
+
+/* The link of a devStatistics record: @PLCname/name. Returns 0 or -1 with *error. */
+int devResolveStatistics(const char *recordType, devRecord *dev, const char *text,
+                         plcLinkError *error);
 
 /* A one-line warning about the record; it works all the same. */
 void devWarn(dbCommon *prec, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);

@@ -14,8 +14,10 @@
 #include <iocsh.h>
 
 #include "drvS7plc.h"
+#include "plcComplete.h"
 #include "plcConfigure.h"
 #include "plcOptions.h"
+#include "plcShow.h"
 #include "plcStation.h"
 
 #include <epicsExport.h>
@@ -133,7 +135,8 @@ static void configureCall(const iocshArgBuf *args)
     plcConfigure("s7plcConfigure", text, &plcSingle, NULL);
 }
 
-static const iocshArg stationArg = {"PLCname (none: all)", iocshArgString};
+static const iocshArg stationArg = {"PLCname (none: all)", PLC_ARG_STATION};
+static const iocshArg oneStationArg = {"PLCname", PLC_ARG_STATION};
 static const iocshArg keyArg = {"option", iocshArgString};
 static const iocshArg valueArg = {"value", iocshArgString};
 static const iocshArg levelArg = {"level", iocshArgInt};
@@ -154,7 +157,7 @@ static plcStation *needStation(const char *command, const char *name)
 
 static const iocshArg detailArg = {"type or format", iocshArgString};
 /* iocsh takes a comma in the value as the end of an argument: `alive, 4,UINT16` */
-static const iocshArg *const optionArgs[] = {&stationArg, &keyArg, &valueArg, &detailArg};
+static const iocshArg *const optionArgs[] = {&oneStationArg, &keyArg, &valueArg, &detailArg};
 
 static void optionCall(const iocshArgBuf *args)
 {
@@ -192,6 +195,10 @@ static void reportOne(plcStation *station, void *arg)
     reportArgs *r = arg;
 
     plcStationReport(station, r->file, r->level);
+    if (r->level >= 3) {
+        plcShow(station, "in", r->file);
+        plcShow(station, "out", r->file);
+    }
 }
 
 static void resetOne(plcStation *station, void *arg)
@@ -224,6 +231,26 @@ static void resetCall(const iocshArgBuf *args)
     else if ((station = needStation("s7plcStatsReset", args[0].sval)))
         plcStationStatsReset(station);
 }
+
+static const iocshArg whatArg = {"in|out|records", iocshArgString};
+static const iocshArg *const showArgs[] = {&oneStationArg, &whatArg};
+
+static void showCall(const iocshArgBuf *args)
+{
+    plcStation *station = needStation("s7plcShow", args[0].sval);
+    const char *what = args[1].sval;
+
+    if (!station)
+        return;
+    if (!what) {
+        plcShow(station, "in", stdout);
+        plcShow(station, "out", stdout);
+    } else if (plcShow(station, what, stdout)) {
+        fprintf(stderr, "s7plcShow: \"%s\"; allowed: in, out, records\n", what);
+    }
+}
+
+static const iocshArg *const sendArgs[] = {&oneStationArg};
 
 static void sendCall(const iocshArgBuf *args)
 {
@@ -258,7 +285,8 @@ static const iocshFuncDef reportDef = {
     "s7plcReport", 2, reportArgList
 #ifdef IOCSHFUNCDEF_HAS_USAGE
     ,
-    "State and statistics of one or all PLCs. level 0: a line, 1: more, 2: histograms.\n"
+    "State and statistics of one or all PLCs. level 0: a line, 1: more, 2: histograms,\n"
+    "3: the blocks with their records.\n"
 #endif
 };
 static const iocshFuncDef resetDef = {
@@ -268,8 +296,17 @@ static const iocshFuncDef resetDef = {
     "Sets the statistics of one or all PLCs to zero.\n"
 #endif
 };
+static const iocshFuncDef showDef = {
+    "s7plcShow", 2, showArgs
+#ifdef IOCSHFUNCDEF_HAS_USAGE
+    ,
+    "Bytes of the input or output block with the records beside them, who overlaps whom,\n"
+    "and which bytes no record uses. Without the second argument: both blocks.\n"
+    "  s7plcShow PLC in\n"
+#endif
+};
 static const iocshFuncDef sendDef = {
-    "s7plcSend", 1, stationArgs
+    "s7plcSend", 1, sendArgs
 #ifdef IOCSHFUNCDEF_HAS_USAGE
     ,
     "Sends the output block of a PLC now, changed or not.\n"
@@ -283,6 +320,8 @@ static void s7plcRegister(void)
     iocshRegister(&reportDef, reportCall);
     iocshRegister(&resetDef, resetCall);
     iocshRegister(&sendDef, sendCall);
+    iocshRegister(&showDef, showCall);
+    plcCompleteInstall();
 }
 
 /* --- Driver entry -----------------------------------------------------------------------*/

@@ -147,6 +147,8 @@ plcStation *plcStationCreate(const plcStationConfig *config)
     s->outScan = plcScanCreate(s->outSize, NULL, NULL);
     s->statusScan = plcScanCreate(0, NULL, NULL);
     s->readback = plcReadbackCreate();
+    s->statsScan = plcScanCreate(0, NULL, NULL);
+    s->users = plcUsersCreate();
     s->held = callocMustSucceed(1, s->inSize + 1, "plcStationCreate");
     s->lock = epicsMutexMustCreate();
     s->ended = epicsEventMustCreate(epicsEventEmpty);
@@ -236,6 +238,8 @@ void plcStationsDestroy(void)
         plcScanDestroy(s->inScan);
         plcScanDestroy(s->outScan);
         plcScanDestroy(s->statusScan);
+        plcScanDestroy(s->statsScan);
+        plcUsersDestroy(s->users);
         free(s);
     }
     unlockList();
@@ -402,6 +406,19 @@ IOSCANPVT plcStationOutScan(plcStation *s, int prio, int leave)
 IOSCANPVT plcStationStatusScan(plcStation *s, int prio, int leave)
 {
     return plcScanJoin(s->statusScan, 0, 0, prio, leave);
+}
+
+IOSCANPVT plcStationStatsScan(plcStation *s, int prio, int leave)
+{
+    IOSCANPVT list = plcScanJoin(s->statsScan, 0, 0, prio, leave);
+
+    plcStationWake(s); /* its timer may have to start */
+    return list;
+}
+
+plcUsers *plcStationUsers(plcStation *s)
+{
+    return s->users;
 }
 
 void plcStationAddress(plcStation *s, char *text, size_t size)

@@ -17,6 +17,7 @@
 #include "plcImage.h"
 #include "plcPolicy.h"
 #include "plcStats.h"
+#include "plcUsers.h"
 
 typedef struct plcStation plcStation;
 
@@ -117,6 +118,12 @@ IOSCANPVT plcStationInScan(plcStation *station, size_t offset, size_t length, in
 IOSCANPVT plcStationOutScan(plcStation *station, int prio, int leave);
 IOSCANPVT plcStationStatusScan(plcStation *station, int prio, int leave);
 
+/* The same for statistics: when the state changes, and once a second. */
+IOSCANPVT plcStationStatsScan(plcStation *station, int prio, int leave);
+
+/* The records of this station, for those who add and remove them. */
+plcUsers *plcStationUsers(plcStation *station);
+
 /* The address of the PLC as "host:port" text (of the FIRST of a pair); moving it closes
  * the connection and connects anew at once. `text` is host[:port]. Returns 0 or -1 with the
  * message in error. */
@@ -143,5 +150,11 @@ void plcStationStatsReset(plcStation *station);
 /* level 0: one line, 1: options and counters, 2: histograms */
 void plcStationReport(plcStation *station, FILE *file, int level);
 void plcStationOptions(plcStation *station, FILE *file);
+
+/* The options that are not at their default: "heartbeat=500 scan=changed". */
+void plcStationOptionsText(plcStation *station, char *text, size_t size);
+
+/* A plcStationState in words. */
+const char *plcStateName(int state);
 
 #endif /* INC_plcStation_H */

@@ -48,11 +48,12 @@ struct plcStation {
     void *policyPvt;
 
     plcImage *in, *out;
-    plcScan *inScan, *outScan, *statusScan;
     plcReadback *readback;
     epicsCallback followCallback;
     void (*follow)(plcStation *); /* NULL: no record follows read-backs */
     int following; /* atomic: the callback is queued */
+    plcScan *inScan, *outScan, *statusScan, *statsScan;
+    plcUsers *users;
 
     /* from any thread to ours */
     int wakePipe[2];
@@ -98,6 +99,8 @@ struct plcStation {
     epicsUInt64 dirtySince;   /* 0: output image not written */
     epicsUInt64 lastSend;     /* 0: nothing sent on this connection */
     epicsUInt64 nextOutScan;
+    epicsUInt64 nextStatsScan;
+    int toldState, toldLeader; /* when statistics were last asked to be scanned */
     epicsUInt64 policyWake;   /* 0: none */
     unsigned logTokens;       /* log lines that may still be written this minute */
     unsigned logDropped;
@@ -113,7 +116,5 @@ void plcStationGate(plcStation *station);
 
 /* Makes the thread look around. Any thread, also with locks held. */
 void plcStationWake(void *station);
-
-const char *plcStateName(int state);
 
 #endif /* INC_plcStationPvt_H */

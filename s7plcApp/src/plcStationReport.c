@@ -56,11 +56,20 @@ static void counters(const plcStats *st, FILE *file)
             st->sendLatency, st->sendLatencyMax);
 }
 
+void plcStationOptionsText(plcStation *s, char *text, size_t size)
+{
+    plcOptions options;
+
+    epicsMutexMustLock(s->lock);
+    options = s->options;
+    epicsMutexUnlock(s->lock);
+    plcOptionsSummary(&options, text, size);
+}
+
 void plcStationReport(plcStation *s, FILE *file, int level)
 {
     plcStats st;
     char address[PLC_NAME_MAX + 10], reason[PLC_REASON_SIZE], text[400];
-    plcOptions options;
 
     plcStationStats(s, &st);
     plcStationAddress(s, address, sizeof(address));
@@ -74,10 +83,7 @@ void plcStationReport(plcStation *s, FILE *file, int level)
         s->policy->report(s->policyPvt, file, level);
     if (level < 1)
         return;
-    epicsMutexMustLock(s->lock);
-    options = s->options;
-    epicsMutexUnlock(s->lock);
-    plcOptionsSummary(&options, text, sizeof(text));
+    plcStationOptionsText(s, text, sizeof(text));
     fprintf(file, "    options: %s\n", text[0] ? text : "all default");
     fprintf(file, "    I/O Intr records: %u in, %u out\n", plcScanCount(s->inScan),
             plcScanCount(s->outScan));

@@ -833,6 +833,29 @@ static void outScanStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     earlier(wake, s->nextOutScan);
 }
 
+/* --- Statistics -------------------------------------------------------------------------*/
+
+#define STATS_PERIOD_MS 1000
+
+/* Records of statistics: at once when the state changes, else once a second. */
+static void statsStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
+{
+    int state;
+
+    if (!epicsAtomicGetIntT(&s->running) || !plcScanCount(s->statsScan))
+        return;
+    epicsMutexMustLock(s->lock);
+    state = s->stats.state;
+    epicsMutexUnlock(s->lock);
+    if (state != s->toldState || s->leader != s->toldLeader || now >= s->nextStatsScan) {
+        s->toldState = state;
+        s->toldLeader = s->leader;
+        s->nextStatsScan = now + msToNs(STATS_PERIOD_MS);
+        plcScanRequestAll(s->statsScan);
+    }
+    earlier(wake, s->nextStatsScan);
+}
+
 /* --- Loop -------------------------------------------------------------------------------*/
 
 /* (Re)creates what finds the address of a line. */
@@ -982,6 +1005,7 @@ void plcStationThread(void *arg)
         holdStep(s, now, &wake);
         outputStep(s, now, &wake);
         outScanStep(s, now, &wake);
+        statsStep(s, now, &wake);
         if (s->policyWake)
             earlier(&wake, s->policyWake);
         waitFor(s, wake);

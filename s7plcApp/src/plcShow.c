@@ -1,0 +1,265 @@
+/* The blocks of a station for people; see plcShow.h. Works on copies. */
+#include <ctype.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <epicsStdio.h>
+#include <epicsString.h>
+
+#include "plcShow.h"
+#include "plcUsers.h"
+
+#define ROW 16        /* bytes in a line */
+#define MAX_PAIRS 100 /* overlaps that are told one by one */
+
+/* What is shown of one direction. */
+typedef struct view {
+    FILE *file;
+    int output;
+    int bigEndian;
+    size_t size;
+    epicsUInt8 *bytes;
+    plcUser *users; /* sorted by offset */
+    size_t count;
+} view;
+
+static int viewOpen(view *v, plcStation *s, int output, FILE *file)
+{
+    memset(v, 0, sizeof(*v));
+    v->file = file;
+    v->output = output;
+    v->bigEndian = plcStationBigEndian(s);
+    v->size = output ? plcStationOutSize(s) : plcStationInSize(s);
+    v->users = plcUsersCopy(plcStationUsers(s), output, &v->count);
+    v->bytes = malloc(v->size + 1);
+    if (!v->users || !v->bytes)
+        return -1;
+    plcImagePeek(output ? plcStationOutput(s) : plcStationInput(s), 0, v->size, v->bytes);
+    return 0;
+}
+
+static void viewClose(view *v)
+{
+    free(v->users);
+    free(v->bytes);
+}
+
+/* --- One record --------------------------------------------------------------------------*/
+
+/* "INT16", "INT16 bit 3", "INT16 bits 00F0" */
+static void typeText(const plcUser *user, char *text, size_t size)
+{
+    unsigned bit = 0;
+
+    if (!user->mask || user->mask == ~(epicsUInt64)0) {
+        epicsSnprintf(text, size, "%s", user->type->name);
+        return;
+    }
+    while (!(user->mask >> bit & 1))
+        bit++;
+    if (user->mask == (epicsUInt64)1 << bit)
+        epicsSnprintf(text, size, "%s bit %u", user->type->name, bit);
+    else
+        epicsSnprintf(text, size, "%s bits %0*llX", user->type->name,
+                      (int)user->type->size * 2, (unsigned long long)user->mask);
+}
+
+/* The value as it stands in the block; "" for arrays. */
+static void valueText(const view *v, const plcUser *user, char *text, size_t size)
+{
+    const epicsUInt8 *bytes = v->bytes + user->offset;
+    epicsUInt64 raw;
+    char *end;
+
+    text[0] = 0;
+    if (user->type->kind == plcString && size > 12) {
+        strcpy(text, " = \"");
+        epicsStrnEscapedFromRaw(text + 4, size - 6, (const char *)bytes,
+                                strnlen((const char *)bytes, user->length));
+        end = text + strlen(text);
+        strcpy(end, "\"");
+    } else if (user->length != user->type->size || user->type->kind == plcBcd) {
+        return;
+    } else if (user->type->kind == plcReal) {
+        epicsSnprintf(text, size, " = %.7g", plcGetReal(user->type, bytes, v->bigEndian));
+    } else if (user->mask) {
+        raw = (epicsUInt64)plcGetInt(user->type, bytes, v->bigEndian) & user->mask;
+        for (epicsUInt64 mask = user->mask; !(mask & 1); mask >>= 1)
+            raw >>= 1;
+        epicsSnprintf(text, size, " = %llu", (unsigned long long)raw);
+    } else {
+        epicsSnprintf(text, size, " = %lld",
+                      (long long)plcGetInt(user->type, bytes, v->bigEndian));
+    }
+}
+
+/* "4-7", or "4" for a single byte */
+static void placeText(size_t offset, size_t length, char *text, size_t size)
+{
+    if (length == 1)
+        epicsSnprintf(text, size, "%lu", (unsigned long)offset);
+    else
+        epicsSnprintf(text, size, "%lu-%lu", (unsigned long)offset,
+                      (unsigned long)(offset + length - 1));
+}
+
+static void printUser(const view *v, const plcUser *user)
+{
+    char place[48], type[60], value[80];
+
+    placeText(user->offset, user->length, place, sizeof(place));
+    typeText(user, type, sizeof(type));
+    valueText(v, user, value, sizeof(value));
+    fprintf(v->file, "        %-11s %s (%s %s)%s", place, user->name, user->recordType, type,
+            value);
+    if (user->hasReadback)
+        fprintf(v->file, ", read back at %lu", (unsigned long)user->readback);
+    fprintf(v->file, "\n");
+}
+
+/* --- The block ---------------------------------------------------------------------------*/
+
+static void printBytes(const view *v, size_t row)
+{
+    size_t i;
+
+    fprintf(v->file, "  %6lu ", (unsigned long)row);
+    for (i = row; i < row + ROW; i++) {
+        if (i < v->size)
+            fprintf(v->file, "%s%02x", i % 4 ? " " : "  ", v->bytes[i]);
+        else
+            fprintf(v->file, "%s  ", i % 4 ? " " : "  ");
+    }
+    fprintf(v->file, "   ");
+    for (i = row; i < row + ROW && i < v->size; i++)
+        fputc(isprint(v->bytes[i]) ? v->bytes[i] : '.', v->file);
+    fprintf(v->file, "\n");
+}
+
+/* Lines of 16 bytes, each with the records that begin in it. Lines of zeros that nobody
+ * uses are left out. */
+static void printBlock(const view *v)
+{
+    size_t row, next = 0, i, end = 0;
+    int skipped = 0;
+
+    for (row = 0; row < v->size; row += ROW) {
+        int zero = row >= end;
+
+        for (i = row; zero && i < row + ROW && i < v->size; i++)
+            zero = v->bytes[i] == 0;
+        if (zero && row && (next == v->count || v->users[next].offset >= row + ROW)) {
+            if (!skipped)
+                fprintf(v->file, "       *  zeros\n");
+            skipped = 1;
+            continue;
+        }
+        skipped = 0;
+        printBytes(v, row);
+        for (; next < v->count && v->users[next].offset < row + ROW; next++) {
+            printUser(v, &v->users[next]);
+            i = v->users[next].offset + v->users[next].length;
+            if (i > end)
+                end = i;
+        }
+    }
+}
+
+static void printOverlaps(const view *v)
+{
+    size_t i, j, pairs = 0;
+    char left[48], right[48];
+
+    for (i = 0; i < v->count; i++) {
+        const plcUser *a = &v->users[i];
+
+        for (j = i + 1; j < v->count && v->users[j].offset < a->offset + a->length; j++) {
+            const plcUser *b = &v->users[j];
+
+            if (!plcUsersOverlap(a, b) || ++pairs > MAX_PAIRS)
+                continue;
+            if (pairs == 1)
+                fprintf(v->file, "  Overlaps:\n");
+            placeText(a->offset, a->length, left, sizeof(left));
+            placeText(b->offset, b->length, right, sizeof(right));
+            fprintf(v->file, "        %s at %s and %s at %s\n", a->name, left, b->name,
+                    right);
+        }
+    }
+    if (pairs > MAX_PAIRS)
+        fprintf(v->file, "        and %lu more\n", (unsigned long)(pairs - MAX_PAIRS));
+    if (!pairs)
+        fprintf(v->file, "  Overlaps: none\n");
+}
+
+static void printUnused(const view *v)
+{
+    size_t end = 0, i, total = 0;
+    char place[48];
+
+    fprintf(v->file, "  Bytes that no record %s:", v->output ? "writes" : "reads");
+    for (i = 0; i <= v->count; i++) {
+        size_t start = i < v->count ? v->users[i].offset : v->size;
+
+        if (start > end) {
+            placeText(end, start - end, place, sizeof(place));
+            fprintf(v->file, "%s %s", total ? "," : "", place);
+            total += start - end;
+        }
+        if (i < v->count && start + v->users[i].length > end)
+            end = start + v->users[i].length;
+    }
+    if (total)
+        fprintf(v->file, " (%lu of %lu)\n", (unsigned long)total, (unsigned long)v->size);
+    else
+        fprintf(v->file, " none\n");
+}
+
+static void showBlock(plcStation *s, int output, FILE *file)
+{
+    char reason[PLC_REASON_SIZE];
+    view v;
+
+    if (viewOpen(&v, s, output, file) == 0) {
+        plcImageReason(plcStationInput(s), reason);
+        fprintf(file, "%s %s: %lu bytes, %lu records%s%s\n", plcStationName(s),
+                output ? "out, IOC -> PLC" : "in, PLC -> IOC", (unsigned long)v.size,
+                (unsigned long)v.count, !output && reason[0] ? ", not valid: " : "",
+                output ? "" : reason);
+        printBlock(&v);
+        printOverlaps(&v);
+        printUnused(&v);
+    }
+    viewClose(&v);
+}
+
+static void showRecords(plcStation *s, FILE *file)
+{
+    int output;
+
+    for (output = 0; output < 2; output++) {
+        view v;
+        size_t i;
+
+        if (viewOpen(&v, s, output, file) == 0) {
+            fprintf(file, "%s: %lu %s records\n", plcStationName(s),
+                    (unsigned long)v.count, output ? "output" : "input");
+            for (i = 0; i < v.count; i++)
+                printUser(&v, &v.users[i]);
+        }
+        viewClose(&v);
+    }
+}
+
+int plcShow(plcStation *s, const char *what, FILE *file)
+{
+    if (epicsStrCaseCmp(what, "in") == 0)
+        showBlock(s, 0, file);
+    else if (epicsStrCaseCmp(what, "out") == 0)
+        showBlock(s, 1, file);
+    else if (epicsStrCaseCmp(what, "records") == 0)
+        showRecords(s, file);
+    else
+        return -1;
+    return 0;
+}

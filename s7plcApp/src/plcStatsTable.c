@@ -1,0 +1,259 @@
+/* The table of statistics; see plcStatsTable.h. */
+#include <math.h>
+#include <string.h>
+
+#include <epicsStdio.h>
+#include <epicsString.h>
+#include <epicsTime.h>
+
+#include "plcStatsTable.h"
+
+#define GETTER(function)                                                                  \
+    static void function(const plcStatRow *row, plcStation *station,                      \
+                         const plcStats *stats, plcStatValue *value)
+
+static const void *fieldOf(const plcStatRow *row, const plcStats *stats)
+{
+    return (const char *)stats + row->field;
+}
+
+/* --- Getters: each fills in `integer`, `real` or `text`, as the row's kind says ---------- */
+
+GETTER(getInt)
+{
+    (void)station;
+    value->integer = *(const int *)fieldOf(row, stats);
+}
+
+GETTER(getCount)
+{
+    (void)station;
+    value->integer = (epicsInt64)*(const epicsUInt64 *)fieldOf(row, stats);
+}
+
+GETTER(getCount32)
+{
+    (void)station;
+    value->integer = *(const epicsUInt32 *)fieldOf(row, stats);
+}
+
+GETTER(getReal)
+{
+    (void)station;
+    value->real = *(const double *)fieldOf(row, stats);
+}
+
+/* Seconds since a monotonic time; 0 when there is none. */
+GETTER(getAge)
+{
+    epicsUInt64 since = *(const epicsUInt64 *)fieldOf(row, stats);
+
+    (void)station;
+    value->real = since ? (epicsMonotonicGet() - since) * 1e-9 : 0;
+}
+
+GETTER(getText)
+{
+    (void)station;
+    epicsSnprintf(value->text, sizeof(value->text), "%s",
+                  (const char *)fieldOf(row, stats));
+}
+
+GETTER(getStamp)
+{
+    const epicsTimeStamp *stamp = fieldOf(row, stats);
+
+    (void)station;
+    if (stamp->secPastEpoch)
+        epicsTimeToStrftime(value->text, sizeof(value->text), "%Y-%m-%d %H:%M:%S.%03f",
+                            stamp);
+}
+
+GETTER(getStateText)
+{
+    (void)row, (void)station;
+    epicsSnprintf(value->text, sizeof(value->text), "%s", plcStateName(stats->state));
+}
+
+GETTER(getReason)
+{
+    (void)row, (void)stats;
+    plcImageReason(plcStationInput(station), value->text);
+}
+
+GETTER(getAddress)
+{
+    (void)row, (void)stats;
+    plcStationAddress(station, value->text, sizeof(value->text));
+}
+
+GETTER(getOptions)
+{
+    (void)row, (void)stats;
+    plcStationOptionsText(station, value->text, sizeof(value->text));
+}
+
+GETTER(getInSize)
+{
+    (void)row, (void)stats;
+    value->integer = (epicsInt64)plcStationInSize(station);
+}
+
+GETTER(getOutSize)
+{
+    (void)row, (void)stats;
+    value->integer = (epicsInt64)plcStationOutSize(station);
+}
+
+/* --- The table --------------------------------------------------------------------------*/
+
+#define AT(member) offsetof(plcStats, member)
+
+/* clang-format off */
+const plcStatRow plcStatRows[] = {
+    {"connected",        plcStatInteger, getInt,       AT(connected),       "",
+     "1 while TCP to the PLC is up"},
+    {"alive",            plcStatInteger, getInt,       AT(alive),           "",
+     "1 while the data of the PLC is valid"},
+    {"state",            plcStatInteger, getInt,       AT(state),           "",
+     "0 no address, 1 connecting, 2 waiting for data, 3 ok, 4 wrong size, 5 frozen, "
+     "6 no PRIMARY"},
+    {"stateText",        plcStatText,    getStateText, 0,                   "",
+     "the same in words"},
+    {"reason",           plcStatText,    getReason,    0,                   "",
+     "why the data is not valid; empty while it is"},
+    {"lastError",        plcStatText,    getText,      AT(lastError),       "",
+     "why the connection was lost or not made the last time"},
+    {"address",          plcStatText,    getAddress,   0,                   "",
+     "host:port"},
+    {"options",          plcStatText,    getOptions,   0,                   "",
+     "options that are not at their default"},
+    {"leader",           plcStatInteger, getInt,       AT(leader),          "",
+     "of a pair: 0 FIRST, 1 SECOND, -1 none"},
+    {"inSize",           plcStatInteger, getInSize,    0,                   "bytes",
+     "size of a block PLC -> IOC"},
+    {"outSize",          plcStatInteger, getOutSize,   0,                   "bytes",
+     "size of a block IOC -> PLC"},
+    {"burstSize",        plcStatInteger, getCount32,   AT(burstSize),       "bytes",
+     "what the PLC seems to send at a time; 0: inSize is right"},
+    {"connectTime",      plcStatText,    getStamp,     AT(connectTime),     "",
+     "when the connection was made"},
+    {"connectedFor",     plcStatReal,    getAge,       AT(connectedSince),  "s",
+     "how long the connection has lasted; 0: not connected"},
+    {"blockTime",        plcStatText,    getStamp,     AT(blockTime),       "",
+     "time stamp of the last block"},
+    {"blockAge",         plcStatReal,    getAge,       AT(lastBlock),       "s",
+     "time since the last block came; 0: none yet"},
+    {"heartbeatAge",     plcStatReal,    getAge,       AT(lastSend),        "s",
+     "time since the last block left; 0: none yet"},
+    {"blocksIn",         plcStatInteger, getCount,     AT(blocksIn),        "",
+     "whole blocks received"},
+    {"blocksOut",        plcStatInteger, getCount,     AT(blocksOut),       "",
+     "whole blocks sent"},
+    {"bytesIn",          plcStatInteger, getCount,     AT(bytesIn),         "bytes",
+     "bytes received"},
+    {"bytesOut",         plcStatInteger, getCount,     AT(bytesOut),        "bytes",
+     "bytes sent"},
+    {"skipped",          plcStatInteger, getCount,     AT(skipped),         "",
+     "blocks of a backlog that a newer one replaced"},
+    {"coalesced",        plcStatInteger, getCount,     AT(coalesced),       "",
+     "blocks that came while records were still busy with the one before"},
+    {"ignored",          plcStatInteger, getCount,     AT(ignored),         "",
+     "blocks of a PLC that does not lead"},
+    {"heartbeats",       plcStatInteger, getCount,     AT(heartbeats),      "",
+     "blocks sent although nothing had changed"},
+    {"refusedWrites",    plcStatInteger, getCount,     AT(refusedWrites),   "",
+     "puts that were refused"},
+    {"sizeMismatches",   plcStatInteger, getCount,     AT(sizeMismatches),  "",
+     "times the block size was found wrong"},
+    {"connects",         plcStatInteger, getCount,     AT(connects),        "",
+     "connections made"},
+    {"reconnects",       plcStatInteger, getCount,     AT(disconnects),     "",
+     "connections lost; each is made again"},
+    {"connectErrors",    plcStatInteger, getCount,     AT(connectErrors),   "",
+     "attempts to connect that failed"},
+    {"clockErrors",      plcStatInteger, getCount,     AT(clockErrors),     "",
+     "blocks whose PLC clock was no date"},
+    {"clockOffset",      plcStatReal,    getReal,      AT(clockOffset),     "s",
+     "PLC clock minus IOC clock (option timestamp)"},
+    {"period",           plcStatReal,    getReal,      AT(periodLast),      "ms",
+     "from block to block, the last"},
+    {"periodMin",        plcStatReal,    getReal,      AT(periodMin),       "ms",
+     "the shortest"},
+    {"periodMax",        plcStatReal,    getReal,      AT(periodMax),       "ms",
+     "the longest"},
+    {"periodMean",       plcStatReal,    getReal,      AT(periodMean),      "ms",
+     "the mean"},
+    {"jitter",           plcStatReal,    getReal,      AT(jitter),          "ms",
+     "standard deviation of the period"},
+    {"sendLatency",      plcStatReal,    getReal,      AT(sendLatency),     "ms",
+     "from the first put to the block's last byte in the kernel, the last"},
+    {"sendLatencyMax",   plcStatReal,    getReal,      AT(sendLatencyMax),  "ms",
+     "the longest"},
+    {"scanLatency",      plcStatReal,    getReal,      AT(scanLatency),     "ms",
+     "from a block to the end of its I/O Intr pass, the last"},
+    {"scanLatencyMax",   plcStatReal,    getReal,      AT(scanLatencyMax),  "ms",
+     "the longest"},
+    {"periodHistogram",  plcStatArray,   NULL,         AT(periodHist),      "",
+     "blocks in each bin of the period"},
+    {"latencyHistogram", plcStatArray,   NULL,         AT(latencyHist),     "",
+     "passes in each bin of scanLatency"},
+    {"histogramBins",    plcStatArray,   NULL,         0,                   "ms",
+     "where each bin of the histograms begins: their x axis"},
+    {NULL,               plcStatText,    NULL,         0,                   NULL, NULL},
+};
+/* clang-format on */
+
+const plcStatRow *plcStatFind(const char *name, unsigned kinds)
+{
+    const plcStatRow *row;
+
+    for (row = plcStatRows; row->name; row++)
+        if (row->kind & kinds && epicsStrCaseCmp(row->name, name) == 0)
+            return row;
+    return NULL;
+}
+
+void plcStatNames(unsigned kinds, char *text, size_t size)
+{
+    const plcStatRow *row;
+    size_t used = 0;
+
+    text[0] = 0;
+    for (row = plcStatRows; row->name; row++) {
+        if (!(row->kind & kinds) || used + strlen(row->name) + 2 > size)
+            continue;
+        used += (size_t)epicsSnprintf(text + used, size - used, "%s%s", used ? " " : "",
+                                      row->name);
+    }
+}
+
+void plcStatGet(const plcStatRow *row, plcStation *station, plcStatValue *value)
+{
+    plcStats stats;
+
+    memset(value, 0, sizeof(*value));
+    plcStationStats(station, &stats);
+    row->get(row, station, &stats, value);
+    if (row->kind == plcStatInteger) {
+        value->real = (double)value->integer;
+        epicsSnprintf(value->text, sizeof(value->text), "%lld", (long long)value->integer);
+    } else if (row->kind == plcStatReal) {
+        value->integer = (epicsInt64)floor(value->real + 0.5);
+        epicsSnprintf(value->text, sizeof(value->text), "%.6g", value->real);
+    }
+}
+
+size_t plcStatGetArray(const plcStatRow *row, plcStation *station, double *values,
+                       size_t room)
+{
+    const epicsUInt32 *bins;
+    plcStats stats;
+    size_t i;
+
+    plcStationStats(station, &stats);
+    bins = row->field ? fieldOf(row, &stats) : NULL;
+    for (i = 0; i < PLC_BINS && i < room; i++)
+        values[i] = bins ? bins[i] : plcStatsBinStart((int)i);
+    return i;
+}

@@ -1,0 +1,57 @@
+/* The statistics of a station by name: one table for the records of DTYP "S7plc stats",
+ * for their error messages and for the documentation.
+ *
+ * Knows stations and their counters, but no record type.
+ */
+#ifndef INC_plcStatsTable_H
+#define INC_plcStatsTable_H
+
+#include <stddef.h>
+
+#include <epicsTypes.h>
+
+#include "plcStation.h"
+
+typedef enum { /* bits, so that a set of allowed kinds is a mask */
+    plcStatInteger = 1,
+    plcStatReal = 2,
+    plcStatText = 4,
+    plcStatArray = 8
+} plcStatKind;
+
+#define plcStatNumber (plcStatInteger | plcStatReal)
+
+typedef struct plcStatValue {
+    epicsInt64 integer; /* of a real: rounded; of a text: 0 */
+    double real;
+    char text[PLC_TEXT_SIZE + 1]; /* of a number: its digits */
+} plcStatValue;
+
+typedef struct plcStatRow plcStatRow;
+struct plcStatRow {
+    const char *name; /* "blocksIn" */
+    plcStatKind kind;
+    void (*get)(const plcStatRow *row, plcStation *station, const plcStats *stats,
+                plcStatValue *value);
+    size_t field;     /* in plcStats, for `get` */
+    const char *unit; /* "ms", "" */
+    const char *help;
+};
+
+/* All of them; ends with a row whose name is NULL. */
+extern const plcStatRow plcStatRows[];
+
+/* The row of this name, upper or lower case; NULL if there is none of these kinds. */
+const plcStatRow *plcStatFind(const char *name, unsigned kinds);
+
+/* Writes the names of all rows of these kinds, separated by blanks, for error messages. */
+void plcStatNames(unsigned kinds, char *text, size_t size);
+
+/* The value now, of a row that is no array. Any thread. */
+void plcStatGet(const plcStatRow *row, plcStation *station, plcStatValue *value);
+
+/* Fills in at most `room` values of an array row. Returns their number. Any thread. */
+size_t plcStatGetArray(const plcStatRow *row, plcStation *station, double *values,
+                       size_t room);
+
+#endif /* INC_plcStatsTable_H */

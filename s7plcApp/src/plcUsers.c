@@ -1,0 +1,81 @@
+/* The records of a station; see plcUsers.h. */
+#include <stdlib.h>
+#include <string.h>
+
+#include <cantProceed.h>
+#include <epicsMutex.h>
+
+#include "plcUsers.h"
+
+struct plcUsers {
+    epicsMutexId lock;
+    ELLLIST list;
+};
+
+plcUsers *plcUsersCreate(void)
+{
+    plcUsers *users = callocMustSucceed(1, sizeof(*users), "plcUsersCreate");
+
+    users->lock = epicsMutexMustCreate();
+    return users;
+}
+
+void plcUsersDestroy(plcUsers *users)
+{
+    if (!users)
+        return;
+    epicsMutexDestroy(users->lock);
+    free(users);
+}
+
+void plcUsersAdd(plcUsers *users, plcUser *user)
+{
+    epicsMutexMustLock(users->lock);
+    ellAdd(&users->list, &user->node);
+    epicsMutexUnlock(users->lock);
+}
+
+void plcUsersRemove(plcUsers *users, plcUser *user)
+{
+    epicsMutexMustLock(users->lock);
+    ellDelete(&users->list, &user->node);
+    epicsMutexUnlock(users->lock);
+}
+
+static int byPlace(const void *a, const void *b)
+{
+    const plcUser *left = a, *right = b;
+
+    if (left->offset != right->offset)
+        return left->offset < right->offset ? -1 : 1;
+    if (left->mask != right->mask)
+        return left->mask < right->mask ? -1 : 1;
+    return strcmp(left->name, right->name);
+}
+
+plcUser *plcUsersCopy(plcUsers *users, int output, size_t *count)
+{
+    plcUser *copy, *user;
+
+    *count = 0;
+    epicsMutexMustLock(users->lock);
+    copy = malloc((size_t)(ellCount(&users->list) + 1) * sizeof(*copy));
+    for (user = (plcUser *)ellFirst(&users->list); copy && user;
+         user = (plcUser *)ellNext(&user->node))
+        if (user->output == output)
+            copy[(*count)++] = *user;
+    epicsMutexUnlock(users->lock);
+    if (copy && *count)
+        qsort(copy, *count, sizeof(*copy), byPlace);
+    return copy;
+}
+
+int plcUsersOverlap(const plcUser *a, const plcUser *b)
+{
+    if (a->offset >= b->offset + b->length || b->offset >= a->offset + a->length)
+        return 0;
+    /* bits of one word are told apart where the word is the same for both */
+    if (a->offset == b->offset && a->length == b->length && a->mask && b->mask)
+        return (a->mask & b->mask) != 0;
+    return 1;
+}

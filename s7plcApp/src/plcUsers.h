@@ -1,0 +1,45 @@
+/* The records of a station: who reads and writes which bytes. For people (s7plcShow) and
+ * for whoever must know all of them; not needed to move data.
+ *
+ * Knows names and byte ranges; a record itself is only a name here.
+ */
+#ifndef INC_plcUsers_H
+#define INC_plcUsers_H
+
+#include <stddef.h>
+
+#include <ellLib.h>
+#include <epicsTypes.h>
+
+#include "plcCodec.h"
+
+typedef struct plcUser {
+    ELLNODE node;
+    const char *name;       /* of the record; stays where it is */
+    const char *recordType; /* "ai" */
+    int output;             /* 0: in the input block, 1: in the output block */
+    size_t offset, length;  /* bytes */
+    const plcType *type;    /* of one element */
+    epicsUInt64 mask;       /* the bits of the element that are its own; 0: all */
+    int hasReadback;
+    size_t readback;        /* offset in the input block, when hasReadback */
+} plcUser;
+
+typedef struct plcUsers plcUsers;
+
+/* All functions may be called from any thread and do not block. */
+plcUsers *plcUsersCreate(void);
+void plcUsersDestroy(plcUsers *users);
+
+/* The record keeps *user where it is until it is removed. */
+void plcUsersAdd(plcUsers *users, plcUser *user);
+void plcUsersRemove(plcUsers *users, plcUser *user);
+
+/* A copy of those of one direction, sorted by offset; to be freed. *count is their number.
+ * NULL when there are none. */
+plcUser *plcUsersCopy(plcUsers *users, int output, size_t *count);
+
+/* True when the two claim the same bits of the same bytes. */
+int plcUsersOverlap(const plcUser *a, const plcUser *b);
+
+#endif /* INC_plcUsers_H */
