@@ -278,7 +278,7 @@ const devSupport devS7plcMbbi = {DEV_DSET, readMbbi, NULL, "S7plc", "INP", devIn
 const devSupport devS7plcMbbiDirect = {DEV_DSET, readMbbiDirect, NULL, "S7plc", "INP", devIn,
     {"mbbiDirect", plcInteger, 4, 0, "INT16"}, 0, NULL, prepareMbbiDirect, NULL, NULL};
 const devSupport devS7plcLongin = {DEV_DSET, readLongin, NULL, "S7plc", "INP", devIn,
-    {"longin", plcInteger, 4, 0, "INT16"}, 0, NULL, NULL, NULL, prepareLongin};
+    {"longin", plcInteger, 4, 0, "INT16"}, 0, NULL, prepareLongin, NULL, NULL};
 const devSupport devS7plcInt64in = {DEV_DSET, readInt64in, NULL, "S7plc", "INP", devIn,
     {"int64in", plcInteger, 8, 0, "INT16"}, 0, NULL, NULL, NULL, NULL};
 const devSupport devS7plcStringin = {DEV_DSET, readStringin, NULL, "S7plc", "INP", devIn,
