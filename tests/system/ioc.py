@@ -186,3 +186,8 @@ class Ioc:
                     (len(wanted) < 3 or wanted[2] in message))
         until(check, lambda: f"{name} has {seen[0]}, wanted {wanted}", limit)
         return seen[0]
+
+    def memory(self):
+        """Resident bytes of the process."""
+        with open(f"/proc/{self.process.pid}/statm") as statm:
+            return int(statm.read().split()[1]) * 4096
