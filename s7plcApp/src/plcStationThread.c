@@ -478,7 +478,10 @@ static void lineLost(plcStation *s, unsigned i, epicsUInt64 now, const char *why
     if (now - line->connection.since >= msToNs(SETTLED_MS))
         line->failures = 0;
     epicsSnprintf(text, sizeof(text), "%sdisconnected: %s", lineName(s, i), why);
-    logLine(s, errlogMajor, now, text);
+    if (!line->fruitless)
+        logLine(s, errlogMajor, now, text);
+    /* One that accepts connections and sends nothing says so once. */
+    line->fruitless = s->inSize && !isPair(s) && !line->lastBlock;
     /* No old block may reach one of a pair when another leads already. */
     if (isPair(s))
         plcConnectionAbort(&line->connection, why, now);
@@ -506,7 +509,7 @@ static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
     plcLine *line = &s->lines[i];
     char text[200];
 
-    if (!line->wrongSize) {
+    if (!line->wrongSize && !line->fruitless) {
         if (line->lostAt)
             epicsSnprintf(text, sizeof(text), "%sconnected to %s%s port %d, after %.1f s",
                           lineName(s, i), s->address[i], s->plus[i] ? "+1" : "",
@@ -639,7 +642,9 @@ static void lineBlocks(plcStation *s, unsigned i, size_t count, epicsUInt64 now)
 
     if (line->wrongSize)
         logLine(s, errlogInfo, now, "the block size is right now");
-    line->wrongSize = 0;
+    else if (line->fruitless)
+        logLine(s, errlogInfo, now, "blocks come again");
+    line->wrongSize = line->fruitless = 0;
     line->lastBlock = now;
     epicsMutexMustLock(s->lock);
     s->stats.blocksIn += count;
@@ -872,7 +877,7 @@ static void lineAddress(plcStation *s, unsigned i, epicsUInt64 now)
     epicsMutexUnlock(s->lock);
     plcResolverRelease(line->resolver);
     line->resolver = host[0] ? plcResolverCreate(host, plus, plcStationWake, s) : NULL;
-    line->failures = line->wrongSize = line->logged = 0;
+    line->failures = line->wrongSize = line->fruitless = line->logged = 0;
     line->retryAt = now;
 }
 

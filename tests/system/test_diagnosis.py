@@ -171,3 +171,4 @@ def test_log_of_a_silent_plc(new_peer, new_ioc):
     peer.every(0.01, struct.pack(">i", 5).ljust(64, b"\0"))
     ioc.wait_value("in", 5)
     ioc.wait_alarm("in", "NO_ALARM")
+    assert ioc.log_count("blocks come again") == 1
