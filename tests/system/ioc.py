@@ -191,3 +191,7 @@ class Ioc:
         """Resident bytes of the process."""
         with open(f"/proc/{self.process.pid}/statm") as statm:
             return int(statm.read().split()[1]) * 4096
+
+    def descriptors(self):
+        """Number of open files of the process."""
+        return len(os.listdir(f"/proc/{self.process.pid}/fd"))
