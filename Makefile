@@ -1,6 +1,7 @@
 # plclink: an ordinary EPICS module, and two commands that need nothing but Debian:
 #   make demo    an IOC and a simulated PLC exchange blocks before your eyes
 #   make test    all tests
+# There is `make demo-redundant` too: a redundant pair of PLCs, and a cable that is pulled.
 # In a tree with configure/RELEASE.local (or EPICS_BASE set), plain `make` is a plain EPICS
 # build and installs nothing on the machine.
 
@@ -16,8 +17,9 @@ ifneq ($(filter demo demo-% test bench,$(MAKECMDGOALS)),)
   configure/RELEASE.local: ; @configure/setup.sh base
 
   # Each of these brings everything it needs; they are not part of the EPICS build.
-  .PHONY: demo test bench
+  .PHONY: demo demo-redundant test bench
   demo: ; @+$(MAKE) -s all && exec iocBoot/iocS7plc/demo
+  demo-redundant: ; @+$(MAKE) -s all && exec iocBoot/iocPhoenix/demo
   test: ; @+tests/run
   bench: ; @+$(MAKE) -s all && exec tests/bench/run
 else ifeq ($(wildcard configure/RELEASE.local ../RELEASE.local)$(EPICS_BASE),)

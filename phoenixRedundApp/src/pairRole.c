@@ -52,6 +52,12 @@ epicsUInt64 pairRoleDue(const pairRole *r)
            patience(r, r->leader, r->twoPrimaries ? 2 : 1);
 }
 
+int pairRoleMissed(const pairRole *r)
+{
+    return r->switchovers && r->reason == pairSilent &&
+           r->duration > patience(r, !r->leader, 2);
+}
+
 /* When a PLC that does not lead counts as quiet again. */
 static epicsUInt64 quietAt(const pairRole *r, unsigned which)
 {

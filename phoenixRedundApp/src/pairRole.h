@@ -66,6 +66,10 @@ void pairRoleInit(pairRole *role, epicsUInt64 recvTimeout);
 pairWho pairRoleStep(pairRole *role, plcEvent event, unsigned which, epicsUInt64 now,
                      epicsUInt64 *wake);
 
+/* True when the last switch-over was because the old PRIMARY had missed several blocks: not
+ * an orderly one. */
+int pairRoleMissed(const pairRole *role);
+
 /* When the PRIMARY is overdue: the time when a claim succeeds. */
 epicsUInt64 pairRoleDue(const pairRole *role);
 

@@ -327,6 +327,13 @@ static void address(void *pvt, unsigned which, struct in_addr host)
     pairWatchHost(p->watch, which, host);
 }
 
+static int suspect(void *pvt, unsigned which)
+{
+    const phoenixPair *p = pvt;
+
+    return p->role.leader == (pairWho)!which && pairRoleMissed(&p->role);
+}
+
 static void end(void *pvt)
 {
     phoenixPair *p = pvt;
@@ -375,6 +382,7 @@ const plcPolicy phoenixPolicy = {
     .begin = begin,
     .options = options,
     .address = address,
+    .suspect = suspect,
     .end = end,
     .report = report,
     .destroy = destroy,

@@ -39,6 +39,9 @@ typedef struct plcPolicy {
     void (*begin)(void *pvt, struct plcStation *station);
     void (*options)(void *pvt, const struct plcOptions *options);
     void (*address)(void *pvt, unsigned which, struct in_addr host);
+    /* Connection `which` led until now. Returns 1 when it may be dead, though it looks
+     * sound: then it is made anew. May be NULL; in the station's thread. */
+    int (*suspect)(void *pvt, unsigned which);
     void (*end)(void *pvt);
     /* A line for dbior and s7plcReport. Any thread. */
     void (*report)(void *pvt, FILE *file, int level);

@@ -371,13 +371,18 @@ static void setReason(plcStation *s, const char *reason)
 static void lineLost(plcStation *s, unsigned i, epicsUInt64 now, const char *why);
 
 /* This line leads no longer. What still is on its way to the PLC must not get there: not
- * now, and not when its cable is plugged in again. */
-static void discardOutput(plcStation *s, unsigned i, epicsUInt64 now)
+ * now, and not when its cable is plugged in again. And a connection that fell silent is
+ * made anew, so that it is known soon whether the PLC is there. */
+static void retire(plcStation *s, unsigned i, epicsUInt64 now)
 {
     const plcConnection *c = &s->lines[i].connection;
 
-    if (c->state == plcConnectionUp && !plcConnectionDelivered(c))
+    if (c->state != plcConnectionUp)
+        return;
+    if (!plcConnectionDelivered(c))
         lineLost(s, i, now, "leads no longer, output discarded");
+    else if (s->policy->suspect && s->policy->suspect(s->policyPvt, i))
+        lineLost(s, i, now, "fell silent, is connected anew");
 }
 
 /* The one place where the leader changes. */
@@ -411,7 +416,7 @@ static void setLeader(plcStation *s, int leader, epicsUInt64 now)
     plcScanRequestAll(s->statusScan);
     if (leader >= 0 && before >= 0 && before != leader) {
         s->lastAlive = 0; /* another PLC, another alive word */
-        discardOutput(s, before, now);
+        retire(s, before, now);
     }
 }
 

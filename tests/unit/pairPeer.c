@@ -28,7 +28,7 @@ struct pairPeer {
     epicsEventId done;
     epicsMutexId lock; /* guards from here ... */
     int stop, sends, pulled, closes, down;
-    double period; /* ms */
+    double period, slow; /* ms */
     pairPeerSeen seen;
     epicsUInt32 words[WORDS];
     unsigned counts[WORDS], nextWord;
@@ -156,7 +156,7 @@ static int obey(pairPeer *p, int *sends, int *pulled, double *period)
         p->lastSend = p->nextSend = 0;
     *sends = p->sends;
     *pulled = p->pulled;
-    *period = p->period;
+    *period = p->period + (p->seen.sent % 4 == 0 ? p->slow : 0);
     p->closes = 0;
     epicsMutexUnlock(p->lock);
     if (down && p->listener >= 0) {
@@ -261,6 +261,13 @@ void pairPeerPeriod(pairPeer *p, double ms)
 {
     epicsMutexMustLock(p->lock);
     p->period = ms;
+    order(p);
+}
+
+void pairPeerSlow(pairPeer *p, double ms)
+{
+    epicsMutexMustLock(p->lock);
+    p->slow = ms;
     order(p);
 }
 

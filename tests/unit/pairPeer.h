@@ -23,6 +23,10 @@ void pairPeerDestroy(pairPeer *peer);
 /* ms from block to block from now on. */
 void pairPeerPeriod(pairPeer *peer, double ms);
 
+/* Each fourth block comes this time later, ms. So the driver gets used to be patient, and a
+ * busy machine that lets this thread sleep does not matter. */
+void pairPeerSlow(pairPeer *peer, double ms);
+
 /* 1: sends (PRIMARY), the first block at once; 0: does not (BACKUP). */
 void pairPeerSend(pairPeer *peer, int on);
 

@@ -12,7 +12,8 @@
 #include "pairWorld.h"
 #include "phoenixRedund.h"
 
-#define PERIOD 20.0      /* ms */
+#define PERIOD 10.0      /* ms */
+#define SLOW 250.0       /* ms that each fourth block is later */
 #define RECV_TIMEOUT 1500 /* ms; much longer than a busy machine makes a PLC wait */
 #define BIG (16u << 20)   /* bytes that do not fit into the buffers of a connection */
 
@@ -21,10 +22,17 @@ static pairWorld w;
 #define seen(which) pairWorldSeen(&w, which)
 #define waitFor(condition) pairWorldWait(&w, condition)
 
+static void beginWorld(const char *name, size_t outSize)
+{
+    pairWorldBegin(&w, name, outSize, RECV_TIMEOUT, PERIOD);
+    pairPeerSlow(w.plc[0], SLOW);
+    pairPeerSlow(w.plc[1], SLOW);
+}
+
 static void start(void)
 {
     testDiag("At the start");
-    pairWorldBegin(&w, "PLC-A", 8, RECV_TIMEOUT, PERIOD);
+    beginWorld("PLC-A", 8);
     testOk(w.now.primary == pairNobody && w.now.backup == phoenixUnknown,
            "both connected, none sends: no PRIMARY, BACKUP unknown");
     pairWorldPut(&w, 100);
@@ -55,8 +63,7 @@ static void orderly(void)
            w.now.switchReason);
     testOk(w.now.switchDuration > 0 && w.now.switchDuration < RECV_TIMEOUT,
            "it took more than 0, less than recvTimeout");
-    testDiag("%.1f ms from the last block of FIRST (period %.0f ms)", w.now.switchDuration,
-             PERIOD);
+    testDiag("%.1f ms from the last block of FIRST", w.now.switchDuration);
     testOk(w.now.backup == phoenixFirstLinked, "the BACKUP is plc-1st, linked");
     testOk(waitFor(pairPeerCount(w.plc[1], 101) == 1),
            "the present output block goes to SECOND at once");
@@ -181,11 +188,10 @@ static void move(void)
 
 static void halfSent(void)
 {
-    pairWorld *big = &w;
     unsigned i;
 
     testDiag("A block that is half sent when the PRIMARY falls silent");
-    pairWorldBegin(big, "PLC-BIG", BIG, RECV_TIMEOUT, PERIOD);
+    beginWorld("PLC-BIG", BIG);
     pairPeerSend(w.plc[0], 1);
     waitFor(w.who == 1);
     pairPeerPull(w.plc[0], 1);
@@ -210,7 +216,7 @@ static void reach(void)
     int asks;
 
     testDiag("The watch on the BACKUP");
-    pairWorldBegin(&w, "PLC-W", 8, RECV_TIMEOUT, PERIOD);
+    beginWorld("PLC-W", 8);
     plcStationSetOption(w.station, "pingPeriod", "200", error, sizeof(error));
     pairPeerSend(w.plc[0], 1);
     waitFor(w.who == 1);
