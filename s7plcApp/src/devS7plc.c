@@ -350,7 +350,6 @@ int devPrepareMask(dbCommon *prec, devRecord *dev, epicsUInt32 *mask, unsigned n
 {
     const char *works = supportOf(prec)->direction == devOut ? "writes nothing" : "reads 0";
 
-    dev->mask = ~(epicsUInt64)0 >> (64 - 8 * dev->type->size);
     dev->shifted = mask;
     dev->unshifted = *mask;
     if (*mask == 0 && nobt <= 32)

@@ -46,7 +46,7 @@ typedef struct devRecord {
     size_t readback;     /* R=: offset in the input block, when has & plcHasR */
     epicsInt64 low;      /* L= and H= of integer types */
     epicsInt64 high;
-    epicsUInt64 mask;    /* bi, bo: the bit; mbbi..: all bits that the type has */
+    epicsUInt64 mask;    /* single bits (bi, bo): the bits of the element that are ours */
     epicsUInt32 *shifted; /* MASK of a multibit record, which we have shifted by SHFT, */
     epicsUInt32 unshifted; /* and what it was; NULL and 0 else */
     int buffered;        /* prepare sets this: make a buffer */

@@ -134,6 +134,12 @@ static int prepareBi(dbCommon *common, devRecord *dev, const plcLink *link,
     return 0;
 }
 
+/* The bits that the type has: those of a sign above them are not the PLC's. */
+static epicsUInt32 bitsOf(const devRecord *dev, epicsInt64 raw)
+{
+    return (epicsUInt32)raw & 0xFFFFFFFFu >> (32 - 8 * dev->type->size);
+}
+
 static long readMbbi(dbCommon *common)
 {
     mbbiRecord *prec = (mbbiRecord *)common;
@@ -142,7 +148,7 @@ static long readMbbi(dbCommon *common)
 
     if (devFetchInt(common, &raw))
         return -1;
-    prec->rval = (epicsUInt32)raw & (epicsUInt32)dev->mask & prec->mask;
+    prec->rval = bitsOf(dev, raw) & prec->mask;
     return 0;
 }
 
@@ -163,7 +169,7 @@ static long readMbbiDirect(dbCommon *common)
 
     if (devFetchInt(common, &raw))
         return -1;
-    prec->rval = (epicsUInt32)raw & (epicsUInt32)dev->mask & prec->mask;
+    prec->rval = bitsOf(dev, raw) & prec->mask;
     return 0;
 }
 
