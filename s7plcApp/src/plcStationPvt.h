@@ -101,7 +101,7 @@ struct plcStation {
     epicsUInt64 lastSend;     /* 0: nothing sent on this connection */
     epicsUInt64 nextOutScan;
     epicsUInt64 nextStatsScan;
-    int toldState, toldLeader; /* when statistics were last asked to be scanned */
+    int toldState, toldLeader; /* when statistics were last scanned */
     epicsUInt64 policyWake;   /* 0: none */
     unsigned logTokens;       /* log lines that may still be written this minute */
     unsigned logDropped;

@@ -855,7 +855,7 @@ static void statsStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     if (!epicsAtomicGetIntT(&s->running) || !plcScanCount(s->statsScan))
         return;
     epicsMutexMustLock(s->lock);
-    state = s->stats.state;
+    state = s->stats.state | s->stats.syncState << 8 | s->stats.remote << 16;
     epicsMutexUnlock(s->lock);
     if (state != s->toldState || s->leader != s->toldLeader || now >= s->nextStatsScan) {
         s->toldState = state;

@@ -7,6 +7,7 @@
 #include <epicsTime.h>
 
 #include "plcStatsTable.h"
+#include "plcSync.h"
 
 #define GETTER(function)                                                                  \
     static void function(const plcStatRow *row, plcStation *station,                      \
@@ -75,6 +76,13 @@ GETTER(getStateText)
     epicsSnprintf(value->text, sizeof(value->text), "%s", plcStateName(stats->state));
 }
 
+GETTER(getSyncText)
+{
+    (void)row, (void)station;
+    epicsSnprintf(value->text, sizeof(value->text), "%s",
+                  plcSyncStateName(stats->syncState));
+}
+
 GETTER(getReason)
 {
     (void)row, (void)stats;
@@ -117,7 +125,7 @@ const plcStatRow plcStatRows[] = {
      "1 while the data of the PLC is valid"},
     {"state",            plcStatInteger, getInt,       AT(state),           "",
      "0 no address, 1 connecting, 2 waiting for data, 3 ok, 4 wrong size, 5 frozen, "
-     "6 no PRIMARY"},
+     "6 no PRIMARY, 7 layout mismatch"},
     {"stateText",        plcStatText,    getStateText, 0,                   "",
      "the same in words"},
     {"reason",           plcStatText,    getReason,    0,                   "",
@@ -176,6 +184,21 @@ const plcStatRow plcStatRows[] = {
      "blocks whose PLC clock was no date"},
     {"clockOffset",      plcStatReal,    getReal,      AT(clockOffset),     "s",
      "PLC clock minus IOC clock (option timestamp)"},
+    {"syncState",        plcStatInteger, getInt,       AT(syncState),       "",
+     "option sync: 0 disconnected, 1 waiting, 2 checking, 3 synced, 4 LOCAL, "
+     "5 layout mismatch"},
+    {"syncText",         plcStatText,    getSyncText,  0,                   "",
+     "the same in words"},
+    {"syncFor",          plcStatReal,    getAge,       AT(syncSince),       "s",
+     "how long it has been in this state"},
+    {"remote",           plcStatInteger, getInt,       AT(remote),          "",
+     "option sync: 1 REMOTE, 0 LOCAL, as the PLC last said"},
+    {"syncs",            plcStatInteger, getCount,     AT(syncs),           "",
+     "times the PLC agreed to our values"},
+    {"syncsLost",        plcStatInteger, getCount,     AT(syncsLost),       "",
+     "times it took that back, or the connection broke"},
+    {"readbacks",        plcStatInteger, getCount,     AT(readbacks),       "",
+     "places where outputs took the PLC's value"},
     {"period",           plcStatReal,    getReal,      AT(periodLast),      "ms",
      "from block to block, the last"},
     {"periodMin",        plcStatReal,    getReal,      AT(periodMin),       "ms",

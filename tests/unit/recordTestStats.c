@@ -5,6 +5,8 @@
 #include <string.h>
 
 #include <dbAccess.h>
+#include <dbStaticLib.h>
+#include <dbUnitTest.h>
 #include <epicsStdio.h>
 #include <epicsUnitTest.h>
 #include <testMain.h>
@@ -199,6 +201,34 @@ static void testValues(plcStation *s, int *listener, int *fd)
     testOk(invalid("waveform:wrong"), "is INVALID");
 }
 
+/* Every record of the template shows something. */
+static void testTemplate(void)
+{
+    DBENTRY entry;
+    long status;
+    int count = 0, bad = 0;
+
+    dbInitEntry(pdbbase, &entry);
+    for (status = dbFirstRecordType(&entry); !status; status = dbNextRecordType(&entry)) {
+        long found;
+
+        for (found = dbFirstRecord(&entry); !found; found = dbNextRecord(&entry)) {
+            const char *name = dbGetRecordName(&entry);
+
+            if (strncmp(name, "T:", 2))
+                continue;
+            count++;
+            process(name);
+            if (invalid(name)) {
+                bad++;
+                testDiag("%s is INVALID", name);
+            }
+        }
+    }
+    dbFinishEntry(&entry);
+    testOk(count > 40 && bad == 0, "s7plcStation.db: %d records, all show something", count);
+}
+
 /* Records with SCAN=I/O Intr follow without anyone asking. */
 static void testScan(plcStation *s, int *fd, int listener)
 {
@@ -312,9 +342,12 @@ static void runGood(void)
     makeRecord("bi", "show:bit1", "INP=@P/12 B=1");
     makeRecord("ao", "show:out", "OUT=@P/4 T=INT32 R=20");
     makeRecord("mbbo", "show:bits", "OUT=@P/8 T=WORD|NOBT=2|SHFT=4");
+    testdbReadDatabase("s7plcStation.db", "../../../s7plcApp/Db:../../s7plcApp/Db",
+                       "P=T:,PLC=P");
     iocRunOk();
     checkAll();
     testValues(s, &listener, &fd);
+    testTemplate();
     testScan(s, &fd, listener);
     testShow(s);
     toolClose(fd);
@@ -324,7 +357,7 @@ static void runGood(void)
 
 MAIN(recordTestStats)
 {
-    testPlan((int)combinations() + 2 * (int)COUNT(refused) + 54);
+    testPlan((int)combinations() + 2 * (int)COUNT(refused) + 55);
     runRefused();
     runGood();
     return testDone();
