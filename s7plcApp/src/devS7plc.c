@@ -320,7 +320,7 @@ long devIointInfo(int leave, dbCommon *prec, IOSCANPVT *list)
     }
     switch (supportOf(prec)->direction) {
     case devIn:
-        *list = plcStationInScan(dev->station, dev->offset, dev->length, prec->prio, leave);
+        *list = plcStationInRecord(dev->station, dev->offset, dev->length, prec, leave);
         break;
     case devOut:
         *list = plcStationOutScan(dev->station, prec->prio, leave);

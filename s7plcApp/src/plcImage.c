@@ -1,8 +1,15 @@
 /* An image: the bytes of one block between record threads and the station's thread.
  *
- * Knows nothing of sockets, records or types. One mutex guards all of an image; it is
- * held for a copy of at most the block and for nothing else. A new input block is copied
- * before the lock is taken.
+ * Knows nothing of sockets, records or types.
+ *
+ * Input: two buffers. `blocks` counts what was published; its lowest bit tells which buffer
+ * others see. The next block goes into the other one, then `blocks` moves on. A reader
+ * takes no lock: what it copied is of one block when `blocks` has not moved meanwhile, else
+ * it copies again, at last with the lock. Buffers are arrays of machine words, read and written in atomic pieces
+ * with acquire and release, so that a copy that comes too late is noticed on every machine.
+ *
+ * Output, reasons, and which buffer is seen: one mutex, held for a copy of at most the block
+ * and for nothing else.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -13,17 +20,28 @@
 
 #include "plcImage.h"
 
+typedef size_t word;
+
+#define WORD sizeof(word)
+#define WORDS(size) (((size) + WORD - 1) / WORD)
+#define STAMP_WORDS WORDS(sizeof(epicsTimeStamp))
+#define TRIES 3 /* then a reader takes the lock: blocks may come faster than it copies */
+
 struct plcImage {
-    epicsMutexId lock;
+    word *words[2];  /* atomic; the stamp of the block, then its bytes */
+    word blocks;     /* atomic */
+    int valid;       /* atomic */
     size_t size;
-    epicsUInt8 *bytes; /* what others see */
-    epicsUInt8 *spare; /* the block before, or the next one; the publisher's own */
-    epicsTimeStamp stamp;
-    int valid;
+    epicsMutexId lock; /* guards the rest */
     int dirty;
     int closed; /* writes are refused */
     char reason[PLC_REASON_SIZE]; /* "" when valid */
 };
+
+static word *makeWords(size_t size)
+{
+    return callocMustSucceed(STAMP_WORDS + WORDS(size) + 1, WORD, "plcImageCreate");
+}
 
 plcImage *plcImageCreate(size_t size)
 {
@@ -31,8 +49,8 @@ plcImage *plcImageCreate(size_t size)
 
     image->lock = epicsMutexMustCreate();
     image->size = size;
-    image->bytes = callocMustSucceed(1, size ? size : 1, "plcImageCreate");
-    image->spare = callocMustSucceed(1, size ? size : 1, "plcImageCreate");
+    image->words[0] = makeWords(size);
+    image->words[1] = makeWords(size);
     strcpy(image->reason, "not connected yet");
     return image;
 }
@@ -42,8 +60,8 @@ void plcImageDestroy(plcImage *image)
     if (!image)
         return;
     epicsMutexDestroy(image->lock);
-    free(image->bytes);
-    free(image->spare);
+    free(image->words[0]);
+    free(image->words[1]);
     free(image);
 }
 
@@ -52,20 +70,82 @@ size_t plcImageSize(const plcImage *image)
     return image->size;
 }
 
+/* The bytes that others see. By the thread that publishes, or with the lock held. */
+static epicsUInt8 *bytesOf(const plcImage *image)
+{
+    return (epicsUInt8 *)(image->words[image->blocks & 1] + STAMP_WORDS);
+}
+
+/* --- Input --------------------------------------------------------------------------------*/
+
+/* Later loads stay behind these, so that none sees an older `blocks` than they did. */
+static word load(const word *from)
+{
+    return __atomic_load_n(from, __ATOMIC_ACQUIRE);
+}
+
+/* Copies `length` bytes at byte `offset` of an array of words that may change meanwhile. */
+static void copyOut(void *dst, const word *from, size_t offset, size_t length)
+{
+    char *to = dst;
+    word piece[2];
+    size_t first = offset % WORD, count;
+
+    from += offset / WORD;
+    if (first + length <= 2 * WORD && length) {
+        piece[0] = load(from);
+        if (first + length > WORD)
+            piece[1] = load(from + 1);
+        memcpy(to, (char *)piece + first, length);
+        return;
+    }
+    for (; length; to += count, length -= count, first = 0) {
+        count = length < WORD - first ? length : WORD - first;
+        piece[0] = load(from++);
+        memcpy(to, (char *)piece + first, count);
+    }
+}
+
+/* None of these stores comes before an earlier store of `blocks`. */
+static void copyIn(word *to, const void *src, size_t length)
+{
+    const char *from = src;
+    word piece;
+
+    for (; length >= WORD; length -= WORD, from += WORD) {
+        memcpy(&piece, from, WORD);
+        __atomic_store_n(to++, piece, __ATOMIC_RELEASE);
+    }
+    if (length) {
+        piece = 0;
+        memcpy(&piece, from, length);
+        __atomic_store_n(to, piece, __ATOMIC_RELEASE);
+    }
+}
+
 int plcImageRead(plcImage *image, size_t offset, size_t length, void *dst,
                  epicsTimeStamp *stamp)
 {
-    int valid;
+    const word *from;
+    word block;
+    int tries = 0;
+    int moved;
 
-    epicsMutexMustLock(image->lock);
-    valid = image->valid;
-    if (valid) {
-        memcpy(dst, image->bytes + offset, length);
+    do {
+        if (!__atomic_load_n(&image->valid, __ATOMIC_ACQUIRE))
+            return -1;
+        if (++tries > TRIES)
+            epicsMutexMustLock(image->lock); /* now no block takes its place */
+        block = load(&image->blocks);
+        from = image->words[block & 1];
+        copyOut(dst, from + STAMP_WORDS, offset, length);
         if (stamp)
-            *stamp = image->stamp;
-    }
-    epicsMutexUnlock(image->lock);
-    return valid ? 0 : -1;
+            copyOut(stamp, from, 0, sizeof(*stamp));
+        moved = __atomic_load_n(&image->blocks, __ATOMIC_RELAXED) != block;
+        if (tries > TRIES)
+            epicsMutexUnlock(image->lock);
+    } while (moved);
+    return 0;
 }
 
 void plcImageReason(plcImage *image, char reason[PLC_REASON_SIZE])
@@ -77,31 +157,32 @@ void plcImageReason(plcImage *image, char reason[PLC_REASON_SIZE])
 
 void plcImagePublish(plcImage *image, const void *block, const epicsTimeStamp *stamp)
 {
-    epicsUInt8 *fresh = image->spare;
+    word next = image->blocks + 1; /* only this thread changes it */
+    word *to = image->words[next & 1];
 
-    if (image->size)
-        memcpy(fresh, block, image->size);
+    copyIn(to, stamp, sizeof(*stamp));
+    copyIn(to + STAMP_WORDS, block, image->size);
     epicsMutexMustLock(image->lock);
-    image->spare = image->bytes;
-    image->bytes = fresh;
-    image->stamp = *stamp;
-    image->valid = 1;
+    __atomic_store_n(&image->blocks, next, __ATOMIC_RELEASE);
+    __atomic_store_n(&image->valid, 1, __ATOMIC_RELEASE);
     image->reason[0] = 0;
     epicsMutexUnlock(image->lock);
 }
 
 const void *plcImageBytes(const plcImage *image)
 {
-    return image->bytes;
+    return bytesOf(image);
 }
 
 void plcImageInvalidate(plcImage *image, const char *reason)
 {
     epicsMutexMustLock(image->lock);
-    image->valid = 0;
+    __atomic_store_n(&image->valid, 0, __ATOMIC_RELEASE);
     epicsSnprintf(image->reason, sizeof(image->reason), "%s", reason);
     epicsMutexUnlock(image->lock);
 }
+
+/* --- Output -------------------------------------------------------------------------*/
 
 /* Only the bits set in mask; NULL: all. */
 static void put(epicsUInt8 *to, const epicsUInt8 *from, const epicsUInt8 *mask,
@@ -139,7 +220,7 @@ int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src
         epicsMutexUnlock(image->lock);
         return -1;
     }
-    put(image->bytes + offset, src, mask, length);
+    put(bytesOf(image) + offset, src, mask, length);
     first = !image->dirty;
     image->dirty = 1;
     epicsMutexUnlock(image->lock);
@@ -160,7 +241,7 @@ int plcImageSet(plcImage *image, size_t offset, size_t length, const void *src,
     int changed;
 
     epicsMutexMustLock(image->lock);
-    to = image->bytes + offset;
+    to = bytesOf(image) + offset;
     changed = (!expected || memcmp(to, expected, length) == 0) &&
               differs(to, src, mask, length);
     if (changed)
@@ -197,7 +278,7 @@ void plcImageTake(plcImage *image, void *dst)
 {
     epicsMutexMustLock(image->lock);
     if (image->size)
-        memcpy(dst, image->bytes, image->size);
+        memcpy(dst, bytesOf(image), image->size);
     image->dirty = 0;
     epicsMutexUnlock(image->lock);
 }
@@ -206,6 +287,6 @@ void plcImagePeek(plcImage *image, size_t offset, size_t length, void *dst)
 {
     epicsMutexMustLock(image->lock);
     if (length)
-        memcpy(dst, image->bytes + offset, length);
+        memcpy(dst, bytesOf(image) + offset, length);
     epicsMutexUnlock(image->lock);
 }

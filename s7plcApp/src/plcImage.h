@@ -3,7 +3,7 @@
  * Knows nothing of sockets, records or types. The one place where record threads and the
  * station's thread meet. All functions may be called from any thread; none blocks longer
  * than a copy of the block takes: the lock is never held across a system call, errlog,
- * a scan request or record processing.
+ * a scan request or record processing. Reading of input takes no lock at all.
  */
 #ifndef INC_plcImage_H
 #define INC_plcImage_H

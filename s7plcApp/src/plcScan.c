@@ -7,7 +7,9 @@
  *                  +-- queue was full --+      pending again? begin  <---+
  *
  * One mutex guards all of a plcScan. It is never held while callbackRequest,
- * scanIoImmediate or done() run. A set of priorities is a mask with bit 1 << prio.
+ * dbProcess, scanIoImmediate or done() run. Our own way through the records does without
+ * the lock of Base's scan lists at each of them, and has the next ones brought into the
+ * cache while one is processed. A set of priorities is a mask with bit 1 << prio.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -15,32 +17,63 @@
 #include <callback.h>
 #include <cantProceed.h>
 #include <dbAccess.h>
+#include <dbCommon.h>
+#include <dbLock.h>
 #include <epicsMutex.h>
+#include <epicsThread.h>
 #include <epicsTime.h>
 
 #include "plcScan.h"
 
 #define ALL_PRIOS ((1u << NUM_CALLBACK_PRIORITIES) - 1)
-#define WORD 8          /* bytes; the index knows which groups touch a word */
-#define CHUNK 512       /* bytes compared at once; a multiple of WORD */
-#define WIDE (8 * WORD) /* groups longer than this are not in the index */
-#define BATCH 64        /* groups copied under the lock, then processed without it */
+#define WORD 8            /* bytes; the index knows which groups touch a word */
+#define CHUNK 512         /* bytes compared at once; a multiple of WORD */
+#define WIDE (8 * WORD)   /* groups longer than this are not in the index */
+#define BATCH 64          /* records copied under the lock, then processed without it */
 
-typedef struct group {
+#define HERE_RECORDS 2000 /* a pass of more is not for the thread that asks for it; */
+#define HERE_NS 5000000   /* after one that took longer, nor are */
+#define HERE_PAUSE 200    /* that many that follow */
+
+/* Records of others, in a list of Base's: plcScanJoin. */
+typedef struct strangers {
     IOSCANPVT list;
-    size_t offset;
-    size_t length;
-    struct group *next; /* in its hash bucket */
     unsigned count[NUM_CALLBACK_PRIORITIES];
-    unsigned pending; /* priorities that wait; not 0: is in scan->pending */
-    unsigned running; /* priorities of the running pass */
+} strangers;
+
+/* Records that read the same bytes. Our own ones stand in `records` by priority, then by
+ * PHAS, then as they came. */
+typedef struct group {
+    epicsUInt32 offset, length;
+    struct group *next; /* in its hash bucket */
+    dbCommon **records;
+    dbCommon *only;     /* where `records` points to while there is room for one */
+    epicsUInt32 room;
+    epicsUInt32 count[NUM_CALLBACK_PRIORITIES]; /* of `records` */
+    epicsUInt8 pending; /* priorities that wait; not 0: is in scan->pending */
+    epicsUInt8 running; /* priorities of the running pass */
+    strangers *others;  /* NULL: none yet */
 } group;
+
+/* What is next in a pass, for one priority. */
+typedef struct cursor {
+    size_t group;   /* number of the group in the pass, */
+    group *inside;  /* the group itself */
+    unsigned index; /* and number of the record among those of this priority in it */
+} cursor;
+
+/* One step of a pass: a record, or a list of Base's. */
+typedef struct target {
+    dbCommon *record;
+    IOSCANPVT list;
+} target;
 
 /* What a callback needs to know, one for each priority */
 typedef struct part {
     epicsCallback callback;
     plcScan *scan;
     int prio;
+    cursor at;
 } part;
 
 struct plcScan {
@@ -49,6 +82,9 @@ struct plcScan {
     plcScanDone *done;
     void *pvt;
     int byRange;
+    IOSCANPVT parked; /* where Base keeps the records that we process; never scanned */
+    epicsThreadId here; /* passes it asks for may run in this thread; NULL: in none */
+    unsigned herePause; /* passes until that is tried again */
     part part[NUM_CALLBACK_PRIORITIES];
     unsigned count[NUM_CALLBACK_PRIORITIES]; /* records in all groups */
 
@@ -58,6 +94,7 @@ struct plcScan {
     size_t numPending;
     group **running;
     size_t numRunning;
+    size_t size;         /* records of the running pass */
     unsigned allPending; /* priorities for which all groups wait */
     unsigned allRunning; /* priorities for which the pass has all groups */
     int busy;            /* a pass runs */
@@ -68,8 +105,8 @@ struct plcScan {
     group **buckets; /* hash of (offset, length); a power of 2 */
     size_t numBuckets;
 
-    int indexOld;      /* groups came since the index was built */
-    size_t *wordStart; /* word i has the groups wordGroups[wordStart[i] .. [i+1]) */
+    int indexOld;       /* groups came since the index was built */
+    epicsUInt32 *wordStart; /* word i has the groups wordGroups[wordStart[i] .. [i+1]) */
     group **wordGroups;
     group **wide;
     size_t numWide;
@@ -133,9 +170,10 @@ static group *addGroup(plcScan *scan, size_t offset, size_t length)
     group *g = callocMustSucceed(1, sizeof(*g), "plcScan");
     group **bucket;
 
-    scanIoInit(&g->list);
-    g->offset = offset;
-    g->length = length;
+    g->offset = (epicsUInt32)offset;
+    g->length = (epicsUInt32)length;
+    g->records = &g->only;
+    g->room = 1;
     if (scan->numGroups == scan->room)
         grow(scan);
     bucket = &scan->buckets[hash(scan, offset, length)];
@@ -174,8 +212,14 @@ void plcScanDestroy(plcScan *scan)
 
     if (!scan)
         return;
-    for (i = 0; i < scan->numGroups; i++)
-        free(scan->groups[i]);
+    for (i = 0; i < scan->numGroups; i++) {
+        group *g = scan->groups[i];
+
+        if (g->records != &g->only)
+            free(g->records);
+        free(g->others);
+        free(g);
+    }
     free(scan->groups);
     free(scan->pending);
     free(scan->running);
@@ -194,12 +238,18 @@ void plcScanByRange(plcScan *scan, int byRange)
     epicsMutexUnlock(scan->lock);
 }
 
-IOSCANPVT plcScanJoin(plcScan *scan, size_t offset, size_t length, int prio, int leave)
+void plcScanHere(plcScan *scan)
 {
-    IOSCANPVT list;
+    epicsMutexMustLock(scan->lock);
+    scan->here = epicsThreadGetIdSelf();
+    epicsMutexUnlock(scan->lock);
+}
+
+/* The group for these bytes; a new one when there is none. Lock held. */
+static group *groupOf(plcScan *scan, size_t offset, size_t length)
+{
     group *g;
 
-    epicsMutexMustLock(scan->lock);
     if (!scan->byRange) {
         offset = 0;
         length = scan->blockSize;
@@ -210,23 +260,150 @@ IOSCANPVT plcScanJoin(plcScan *scan, size_t offset, size_t length, int prio, int
             length = scan->blockSize - offset;
     }
     g = findGroup(scan, offset, length);
-    if (!g)
-        g = addGroup(scan, offset, length);
-    list = g->list;
-    if (prio >= 0 && prio < NUM_CALLBACK_PRIORITIES) {
-        if (!leave) {
-            g->count[prio]++;
-            scan->count[prio]++;
-        } else if (g->count[prio] > 0) {
-            g->count[prio]--;
-            scan->count[prio]--;
-        }
+    return g ? g : addGroup(scan, offset, length);
+}
+
+static int isPriority(int prio)
+{
+    return prio >= 0 && prio < NUM_CALLBACK_PRIORITIES;
+}
+
+IOSCANPVT plcScanJoin(plcScan *scan, size_t offset, size_t length, int prio, int leave)
+{
+    IOSCANPVT list;
+    group *g;
+
+    epicsMutexMustLock(scan->lock);
+    g = groupOf(scan, offset, length);
+    if (!g->others) {
+        g->others = callocMustSucceed(1, sizeof(*g->others), "plcScan");
+        scanIoInit(&g->others->list);
+    }
+    list = g->others->list;
+    if (isPriority(prio) && !leave) {
+        g->others->count[prio]++;
+        scan->count[prio]++;
+    } else if (isPriority(prio) && g->others->count[prio] > 0) {
+        g->others->count[prio]--;
+        scan->count[prio]--;
     }
     epicsMutexUnlock(scan->lock);
     return list;
 }
 
-/* --- Which groups a change touches -------------------------------------------------- */
+/* --- Our own records ------------------------------------------------------------------- */
+
+/* Where those of a priority begin in g->records. */
+static unsigned firstOf(const group *g, int prio)
+{
+    unsigned first = 0;
+
+    while (prio-- > 0)
+        first += g->count[prio];
+    return first;
+}
+
+static unsigned sizeOf(const group *g)
+{
+    return firstOf(g, NUM_CALLBACK_PRIORITIES);
+}
+
+static void makeRoom(group *g)
+{
+    unsigned used = sizeOf(g);
+    dbCommon **records;
+
+    if (used < g->room)
+        return;
+    g->room = 2 * g->room;
+    records = callocMustSucceed(g->room, sizeof(*records), "plcScan");
+    memcpy(records, g->records, used * sizeof(*records));
+    if (g->records != &g->only)
+        free(g->records);
+    g->records = records;
+}
+
+/* The place of a new record among the `count` that start at `own`: behind its PHAS. */
+static unsigned placeOf(dbCommon *const *own, unsigned count, short phas)
+{
+    unsigned low = 0, high = count;
+
+    if (count && own[count - 1]->phas <= phas)
+        return count;
+    while (low < high) {
+        unsigned middle = (low + high) / 2;
+
+        if (own[middle]->phas <= phas)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+/* A pass that is inside of this group neither skips nor repeats another record. */
+static void shiftCursor(plcScan *scan, const group *g, int prio, unsigned place, int by)
+{
+    cursor *at = &scan->part[prio].at;
+
+    if (at->inside == g && place < at->index)
+        at->index += by;
+}
+
+static void insert(plcScan *scan, group *g, dbCommon *prec)
+{
+    int prio = prec->prio;
+    unsigned used = sizeOf(g), place;
+    dbCommon **own;
+
+    makeRoom(g);
+    own = g->records + firstOf(g, prio);
+    place = placeOf(own, g->count[prio], prec->phas);
+    own += place;
+    memmove(own + 1, own, (g->records + used - own) * sizeof(*own));
+    *own = prec;
+    g->count[prio]++;
+    scan->count[prio]++;
+    shiftCursor(scan, g, prio, place, 1);
+}
+
+static void removeRecord(plcScan *scan, group *g, const dbCommon *prec)
+{
+    int prio = prec->prio;
+    unsigned used = sizeOf(g), place = 0;
+    dbCommon **own = g->records + firstOf(g, prio);
+
+    while (place < g->count[prio] && own[place] != prec)
+        place++;
+    if (place == g->count[prio])
+        return;
+    own += place;
+    memmove(own, own + 1, (g->records + used - own - 1) * sizeof(*own));
+    g->count[prio]--;
+    scan->count[prio]--;
+    shiftCursor(scan, g, prio, place, -1);
+}
+
+IOSCANPVT plcScanRecord(plcScan *scan, size_t offset, size_t length, dbCommon *prec,
+                        int leave)
+{
+    group *g;
+
+    epicsMutexMustLock(scan->lock);
+    if (!scan->parked)
+        scanIoInit(&scan->parked);
+    g = groupOf(scan, offset, length);
+    if (isPriority(prec->prio)) {
+        if (leave)
+            removeRecord(scan, g, prec);
+        else
+            insert(scan, g, prec);
+    }
+    epicsMutexUnlock(scan->lock);
+    return scan->parked;
+}
+
+/* --- Which groups a change touches ----------------------------------------------------- */
 
 /* First and last word that a group touches. Its length is not 0. */
 static size_t firstWord(const group *g)
@@ -248,7 +425,7 @@ static void buildIndex(plcScan *scan)
     free(scan->wordStart);
     free(scan->wordGroups);
     free(scan->wide);
-    scan->wordStart = callocMustSucceed(numWords + 2, sizeof(size_t), "plcScan");
+    scan->wordStart = callocMustSucceed(numWords + 2, sizeof(*scan->wordStart), "plcScan");
     scan->wide = callocMustSucceed(scan->numGroups + 1, sizeof(group *), "plcScan");
     scan->numWide = 0;
     for (i = 0; i < scan->numGroups; i++) {
@@ -278,7 +455,7 @@ static void addPending(plcScan *scan, group *g, unsigned prios)
 {
     if (prios && !g->pending)
         scan->pending[scan->numPending++] = g;
-    g->pending |= prios;
+    g->pending |= (epicsUInt8)prios;
 }
 
 static void touchGroup(plcScan *scan, group *g, const char *before, const char *after)
@@ -293,10 +470,17 @@ static void touchWords(plcScan *scan, const char *before, const char *after, siz
                        size_t end)
 {
     for (; at < end; at += WORD) {
-        size_t length = end - at < WORD ? end - at : WORD;
+        epicsUInt64 old = 0, new = 0;
         size_t i;
 
-        if (memcmp(before + at, after + at, length) == 0)
+        if (end - at >= WORD) {
+            memcpy(&old, before + at, WORD);
+            memcpy(&new, after + at, WORD);
+        } else {
+            memcpy(&old, before + at, end - at);
+            memcpy(&new, after + at, end - at);
+        }
+        if (old == new)
             continue;
         for (i = scan->wordStart[at / WORD]; i < scan->wordStart[at / WORD + 1]; i++)
             touchGroup(scan, scan->wordGroups[i], before, after);
@@ -340,6 +524,11 @@ static unsigned inUse(const unsigned count[NUM_CALLBACK_PRIORITIES], unsigned pr
     return used;
 }
 
+static unsigned inUseBy(const group *g, unsigned prios)
+{
+    return inUse(g->count, prios) | (g->others ? inUse(g->others->count, prios) : 0);
+}
+
 static unsigned bitCount(unsigned prios)
 {
     return (prios & 1) + (prios >> 1 & 1) + (prios >> 2 & 1);
@@ -360,12 +549,19 @@ static unsigned begin(plcScan *scan)
     scan->allRunning = inUse(scan->count, scan->allPending);
     scan->allPending = 0;
     prios = scan->allRunning;
+    scan->size = 0;
     for (i = 0; i < scan->numRunning; i++) {
         group *g = scan->running[i];
 
-        g->running = inUse(g->count, g->pending);
+        g->running = (epicsUInt8)inUseBy(g, g->pending);
         g->pending = 0;
         prios |= g->running;
+        scan->size += sizeOf(g);
+    }
+    for (i = 0; i < NUM_CALLBACK_PRIORITIES; i++) {
+        memset(&scan->part[i].at, 0, sizeof(scan->part[i].at));
+        if (scan->allRunning & 1u << i)
+            scan->size += scan->count[i];
     }
     scan->runningSince = scan->pendingSince;
     scan->pendingSince = 0;
@@ -385,7 +581,7 @@ static void putBack(plcScan *scan, unsigned prios)
     scan->allRunning &= ~prios;
     for (i = 0; i < scan->numRunning; i++) {
         addPending(scan, scan->running[i], scan->running[i]->running & prios);
-        scan->running[i]->running &= ~prios;
+        scan->running[i]->running &= (epicsUInt8)~prios;
     }
     scan->pendingSince = scan->runningSince;
     scan->partial = 1;
@@ -409,25 +605,77 @@ static void queue(plcScan *scan, unsigned prios)
         putBack(scan, failed);
 }
 
-/* The lists of the next groups that the pass has for this priority, from group number *at
- * on. Returns how many, 0 at the end. */
-static unsigned nextLists(plcScan *scan, int prio, size_t *at, IOSCANPVT lists[BATCH])
+/* The next steps of the pass for this priority. Returns how many, 0 at the end. */
+static unsigned nextTargets(plcScan *scan, part *own, target targets[BATCH])
 {
-    unsigned bit = 1u << prio;
-    unsigned n = 0;
+    int prio = own->prio;
+    unsigned bit = 1u << prio, n = 0;
+    cursor *at = &own->at;
     int all;
 
     epicsMutexMustLock(scan->lock);
     all = (scan->allRunning & bit) != 0;
-    while (n < BATCH && *at < (all ? scan->numGroups : scan->numRunning)) {
-        group *g = all ? scan->groups[*at] : scan->running[*at];
+    while (n < BATCH && at->group < (all ? scan->numGroups : scan->numRunning)) {
+        group *g = all ? scan->groups[at->group] : scan->running[at->group];
+        dbCommon **records = g->records + firstOf(g, prio);
+        int mine = all || g->running & bit;
 
-        ++*at;
-        if (g->count[prio] && (all || g->running & bit))
-            lists[n++] = g->list;
+        at->inside = g;
+        while (mine && n < BATCH && at->index < g->count[prio])
+            targets[n++].record = records[at->index++];
+        if (n == BATCH)
+            break;
+        if (mine && g->others && g->others->count[prio]) {
+            targets[n].record = NULL;
+            targets[n++].list = g->others->list;
+        }
+        at->group++;
+        at->index = 0;
+        at->inside = NULL;
     }
     epicsMutexUnlock(scan->lock);
     return n;
+}
+
+#ifdef __GNUC__
+#define FETCH(address) __builtin_prefetch(address)
+#else
+#define FETCH(address) ((void)(address))
+#endif
+#define LINE 64    /* bytes of a cache line */
+#define FAR 4      /* records ahead, whose fields are fetched, */
+#define NEAR 2     /* and those to which the fields must point by now */
+#define FIELDS 768 /* bytes of a record that processing needs, about */
+
+/* Has the cache fetch what the records after number i will need: half of the time that
+ * a pass over many records takes is waiting for memory. Helps, and does nothing else. */
+static void fetchAhead(const target targets[], unsigned n, unsigned i)
+{
+    const dbCommon *prec = i + FAR < n ? targets[i + FAR].record : NULL;
+    size_t at;
+
+    for (at = 0; prec && at < FIELDS; at += LINE)
+        FETCH((const char *)prec + at);
+    prec = i + NEAR < n ? targets[i + NEAR].record : NULL;
+    if (prec) {
+        FETCH(prec->lset);
+        FETCH(prec->dpvt);
+        FETCH((const char *)prec->dpvt + LINE);
+    }
+}
+
+static void processTarget(const target *t, int prio)
+{
+    dbCommon *prec = t->record;
+
+    if (!prec) {
+        scanIoImmediate(t->list, prio);
+        return;
+    }
+    dbScanLock(prec);
+    if (prec->scan == SCAN_IO_EVENT) /* it may have left since */
+        dbProcess(prec);
+    dbScanUnlock(prec);
 }
 
 /* One priority of the pass is over. The last one reports it and begins the next pass. */
@@ -452,24 +700,58 @@ static void finish(plcScan *scan)
     queue(scan, prios);
 }
 
+/* One priority of a pass. */
+static void runPart(part *own)
+{
+    target targets[BATCH];
+    unsigned n, i;
+
+    while ((n = nextTargets(own->scan, own, targets)) > 0) {
+        for (i = 0; i < n; i++) {
+            fetchAhead(targets, n, i);
+            processTarget(&targets[i], own->prio);
+        }
+    }
+    finish(own->scan);
+}
+
 /* Runs in a callback thread of this priority. */
 static void pass(epicsCallback *callback)
 {
-    IOSCANPVT lists[BATCH];
-    part *own;
-    plcScan *scan;
-    size_t at = 0;
-    unsigned n, i;
-    void *user;
+    void *own;
 
-    callbackGetUser(user, callback);
-    own = user;
-    scan = own->scan;
-    while ((n = nextLists(scan, own->prio, &at, lists)) > 0) {
-        for (i = 0; i < n; i++)
-            scanIoImmediate(lists[i], own->prio);
+    callbackGetUser(own, callback);
+    runPart(own);
+}
+
+/* True when the pass over these priorities may run in the thread that asks for it. */
+static int mayRunHere(plcScan *scan, unsigned prios)
+{
+    if (bitCount(prios) != 1 || !scan->here || scan->here != epicsThreadGetIdSelf() ||
+        scan->size > HERE_RECORDS)
+        return 0;
+    if (scan->herePause == 0)
+        return 1;
+    scan->herePause--;
+    return 0;
+}
+
+/* A whole pass in the thread that asks for it: to wake another one costs as much as some
+ * hundred records. Only when all records have one priority, so that none waits for less
+ * important ones; not for a while when it took long: some record makes others wait. */
+static void runHere(plcScan *scan, unsigned prios)
+{
+    epicsUInt64 start = epicsMonotonicGet();
+    int prio = 0;
+
+    while (!(prios & 1u << prio))
+        prio++;
+    runPart(&scan->part[prio]);
+    if (epicsMonotonicGet() - start > HERE_NS) {
+        epicsMutexMustLock(scan->lock);
+        scan->herePause = HERE_PAUSE;
+        epicsMutexUnlock(scan->lock);
     }
-    finish(scan);
 }
 
 /* The request is marked as pending: begins a pass unless one runs. Lock held; unlocks.
@@ -478,6 +760,7 @@ static void pass(epicsCallback *callback)
 static void request(plcScan *scan)
 {
     unsigned prios = 0;
+    int here;
 
     if (interruptAccept) {
         if (!scan->pendingSince)
@@ -485,8 +768,12 @@ static void request(plcScan *scan)
         if (!scan->busy)
             prios = begin(scan);
     }
+    here = mayRunHere(scan, prios);
     epicsMutexUnlock(scan->lock);
-    queue(scan, prios);
+    if (here)
+        runHere(scan, prios);
+    else
+        queue(scan, prios);
 }
 
 int plcScanRequestAll(plcScan *scan)

@@ -11,18 +11,19 @@
 
 #include <stddef.h>
 
+#include <dbCommon.h>
 #include <dbScan.h>
 
 typedef struct plcScan plcScan;
 
-/* Called from a callback thread when a pass is over; no lock is held. `requested` is the
+/* Called from the thread of the pass when a pass is over; no lock is held. `requested` is the
  * monotonic time (ns) of the oldest request that this pass answered. A pass for which a
  * callback queue was full is not over before it was tried again: no call until then. No
  * call for a request that concerns no record at all. */
 typedef void plcScanDone(void *pvt, epicsUInt64 requested);
 
 /* `done` may be NULL. Functions below may be called from any thread, done() included, and
- * do not block; none calls done() itself. */
+ * do not block; none calls done() itself (but see plcScanHere). */
 plcScan *plcScanCreate(size_t blockSize, plcScanDone *done, void *pvt);
 
 /* For unit tests: no record is in the lists any more and no pass runs. The lists
@@ -33,8 +34,20 @@ void plcScanDestroy(plcScan *scan);
  * 1 = a group for each distinct byte range (scan=changed). */
 void plcScanByRange(plcScan *scan, int byRange);
 
-/* The list for a record that reads `length` bytes at `offset`; for get_ioint_info.
- * `prio` is the record's PRIO; `leave` as get_ioint_info gets it (0 join, 1 leave). */
+/* From now on passes that the calling thread asks for run in that thread, before the
+ * request returns: it does not hold a lock then, and may wait for records. Only small
+ * passes over records of one priority; others go to the callback threads as ever. */
+void plcScanHere(plcScan *scan);
+
+/* A record that reads `length` bytes at `offset` joins, or leaves; `leave` as
+ * get_ioint_info gets it (0 join, 1 leave), which calls this with the record locked. The
+ * passes process it, by PHAS among the records of its group. Returns the list to give to
+ * Base: the same for all, and never scanned. */
+IOSCANPVT plcScanRecord(plcScan *scan, size_t offset, size_t length, dbCommon *prec,
+                        int leave);
+
+/* The same when the record is not known, only its PRIO (device support of others, through
+ * s7plcGetInScanPvt): a list of Base's for these bytes, which the passes scan. */
 IOSCANPVT plcScanJoin(plcScan *scan, size_t offset, size_t length, int prio, int leave);
 
 /* Asks for a pass over all records. Returns 1 when it was merged into one that was

@@ -392,6 +392,12 @@ int plcStationConnected(plcStation *s, char reason[PLC_REASON_SIZE])
     return leads;
 }
 
+IOSCANPVT plcStationInRecord(plcStation *s, size_t offset, size_t length,
+                             struct dbCommon *prec, int leave)
+{
+    return plcScanRecord(s->inScan, offset, length, prec, leave);
+}
+
 IOSCANPVT plcStationInScan(plcStation *s, size_t offset, size_t length, int prio,
                            int leave)
 {

@@ -112,7 +112,9 @@ int plcStationConnected(plcStation *station, char reason[PLC_REASON_SIZE]);
 
 /* Lists for get_ioint_info. Input: processed when a block came (option scan) and on loss.
  * Output: every sendInterval while connected, after the send. Status: when the connection
- * comes or goes, and with every block. */
+ * comes or goes, and with every block. See plcScanRecord and plcScanJoin. */
+IOSCANPVT plcStationInRecord(plcStation *station, size_t offset, size_t length,
+                             struct dbCommon *prec, int leave);
 IOSCANPVT plcStationInScan(plcStation *station, size_t offset, size_t length, int prio,
                            int leave);
 IOSCANPVT plcStationOutScan(plcStation *station, int prio, int leave);

@@ -922,6 +922,7 @@ static void begin(plcStation *s)
     s->optionsChanged = 1;
     epicsMutexUnlock(s->lock);
     takeOrders(s, 0);
+    plcScanHere(s->inScan);
     plcSyncInit(&s->sync, (epicsUInt16)s->now.layout);
     if (s->now.readback >= 0) {
         size_t header = plcStationHeader(s);
