@@ -16,6 +16,7 @@
 
 #include <callback.h>
 #include <cantProceed.h>
+#include <compilerSpecific.h>
 #include <dbAccess.h>
 #include <dbCommon.h>
 #include <dbLock.h>
@@ -645,16 +646,18 @@ static unsigned nextTargets(plcScan *scan, part *own, target targets[BATCH])
 #define LINE 64    /* bytes of a cache line */
 #define FAR 4      /* records ahead, whose fields are fetched, */
 #define NEAR 2     /* and those to which the fields must point by now */
-#define FIELDS 768 /* bytes of a record that processing needs, about */
+#define FIELDS 128 /* records need their fields from this byte on, */
+#define END 1216   /* up to about this one */
 
 /* Has the cache fetch what the records after number i will need: half of the time that
- * a pass over many records takes is waiting for memory. Helps, and does nothing else. */
-static void fetchAhead(const target targets[], unsigned n, unsigned i)
+ * a pass over many records takes is waiting for memory. Helps, and does nothing else.
+ * Always inline: gcc 12 takes a call without effects out. */
+static EPICS_ALWAYS_INLINE void fetchAhead(const target targets[], unsigned n, unsigned i)
 {
     const dbCommon *prec = i + FAR < n ? targets[i + FAR].record : NULL;
     size_t at;
 
-    for (at = 0; prec && at < FIELDS; at += LINE)
+    for (at = FIELDS; prec && at < END; at += LINE)
         FETCH((const char *)prec + at);
     prec = i + NEAR < n ? targets[i + NEAR].record : NULL;
     if (prec) {
