@@ -2,14 +2,15 @@
  *
  * Knows nothing of sockets, records or types.
  *
- * Input: two buffers. `blocks` counts what was published; its lowest bit tells which buffer
- * others see. The next block goes into the other one, then `blocks` moves on. A reader
- * takes no lock: what it copied is of one block when `blocks` has not moved meanwhile, else
- * it copies again, at last with the lock. Buffers are arrays of machine words, read and written in atomic pieces
- * with acquire and release, so that a copy that comes too late is noticed on every machine.
+ * Input: two buffers. `blocks` counts what was published; its lowest bit tells which
+ * buffer others see. The next block goes into the other one, then `blocks` moves on. A
+ * reader takes no lock: what it copied is of one block when `blocks` has not moved
+ * meanwhile, else it copies again, at last with the lock. Buffers are arrays of machine
+ * words, read and written in atomic pieces with acquire and release, so that a copy that
+ * comes too late is noticed on every machine.
  *
- * Output, reasons, and which buffer is seen: one mutex, held for a copy of at most the block
- * and for nothing else.
+ * Output, reasons, and which buffer is seen: one mutex, held for a copy of at most the
+ * block and for nothing else.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -76,7 +77,7 @@ static epicsUInt8 *bytesOf(const plcImage *image)
     return (epicsUInt8 *)(image->words[image->blocks & 1] + STAMP_WORDS);
 }
 
-/* --- Input --------------------------------------------------------------------------------*/
+/* --- Input ------------------------------------------------------------------------- */
 
 /* Later loads stay behind these, so that none sees an older `blocks` than they did. */
 static word load(const word *from)
@@ -84,7 +85,7 @@ static word load(const word *from)
     return __atomic_load_n(from, __ATOMIC_ACQUIRE);
 }
 
-/* Copies `length` bytes at byte `offset` of an array of words that may change meanwhile. */
+/* Copies `length` bytes at byte `offset` of words that may change meanwhile. */
 static void copyOut(void *dst, const word *from, size_t offset, size_t length)
 {
     char *to = dst;
@@ -182,7 +183,7 @@ void plcImageInvalidate(plcImage *image, const char *reason)
     epicsMutexUnlock(image->lock);
 }
 
-/* --- Output -------------------------------------------------------------------------*/
+/* --- Output ------------------------------------------------------------------------ */
 
 /* Only the bits set in mask; NULL: all. */
 static void put(epicsUInt8 *to, const epicsUInt8 *from, const epicsUInt8 *mask,

@@ -115,7 +115,7 @@ struct plcScan {
 
 static void pass(epicsCallback *callback);
 
-/* --- Groups ------------------------------------------------------------------------- */
+/* --- Groups ------------------------------------------------------------------------ */
 
 static size_t hash(const plcScan *scan, size_t offset, size_t length)
 {
@@ -292,7 +292,7 @@ IOSCANPVT plcScanJoin(plcScan *scan, size_t offset, size_t length, int prio, int
     return list;
 }
 
-/* --- Our own records ------------------------------------------------------------------- */
+/* --- Our own records --------------------------------------------------------------- */
 
 /* Where those of a priority begin in g->records. */
 static unsigned firstOf(const group *g, int prio)
@@ -404,7 +404,7 @@ IOSCANPVT plcScanRecord(plcScan *scan, size_t offset, size_t length, dbCommon *p
     return scan->parked;
 }
 
-/* --- Which groups a change touches ----------------------------------------------------- */
+/* --- Which groups a change touches ------------------------------------------------- */
 
 /* First and last word that a group touches. Its length is not 0. */
 static size_t firstWord(const group *g)
@@ -426,7 +426,8 @@ static void buildIndex(plcScan *scan)
     free(scan->wordStart);
     free(scan->wordGroups);
     free(scan->wide);
-    scan->wordStart = callocMustSucceed(numWords + 2, sizeof(*scan->wordStart), "plcScan");
+    scan->wordStart =
+        callocMustSucceed(numWords + 2, sizeof(*scan->wordStart), "plcScan");
     scan->wide = callocMustSucceed(scan->numGroups + 1, sizeof(group *), "plcScan");
     scan->numWide = 0;
     for (i = 0; i < scan->numGroups; i++) {
@@ -510,7 +511,7 @@ static size_t touchChanged(plcScan *scan, const char *before, const char *after)
     return scan->numPending - waiting;
 }
 
-/* --- Passes ------------------------------------------------------------------------- */
+/* --- Passes ------------------------------------------------------------------------ */
 
 /* The priorities of `prios` for which these counts are not 0. */
 static unsigned inUse(const unsigned count[NUM_CALLBACK_PRIORITIES], unsigned prios)

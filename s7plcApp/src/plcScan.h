@@ -16,7 +16,7 @@
 
 typedef struct plcScan plcScan;
 
-/* Called from the thread of the pass when a pass is over; no lock is held. `requested` is the
+/* Called from the thread of the pass when it is over; no lock is held. `requested` is the
  * monotonic time (ns) of the oldest request that this pass answered. A pass for which a
  * callback queue was full is not over before it was tried again: no call until then. No
  * call for a request that concerns no record at all. */

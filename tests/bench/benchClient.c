@@ -1,14 +1,14 @@
 /* The operator's side of the benchmark: a Channel Access client that takes the time of
  * monitors and puts times.
  *
- * The value of every record that it monitors is CLOCK_MONOTONIC of when its block left the
- * PLC, in seconds; IOC, PLC and client run on one machine and share that clock.
+ * The value of every record that it monitors is CLOCK_MONOTONIC of when its block left
+ * the PLC, in seconds; IOC, PLC and client run on one machine and share that clock.
  *
  * Obeys lines on standard input, each answered by one line:
  *     monitor PV ...         waits for the first value of each       "monitoring N"
  *     clear                  forgets the updates seen                "cleared"
- *     report                 of all PVs together, ms                 "updates N P50 P99 MAX"
- *     one I                  the same of PV number I (from 0)        "updates N P50 P99 MAX"
+ *     report                 of all PVs together, ms             "updates N P50 P99 MAX"
+ *     one I                  the same of PV number I (from 0)    "updates N P50 P99 MAX"
  *     put PV N MIN MAX       puts the time N times, MIN..MAX ms apart  "put N"
  */
 #include <stdio.h>

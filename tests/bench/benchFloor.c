@@ -4,8 +4,8 @@
  * get a value from memory without a lock. A thread per station asks for their I/O Intr
  * scan at a given rate. What this costs is record processing alone. Knows no sockets.
  *
- * The link is "@PLCn/offset ...": n is the station; bytes 8..15 are the time of the block,
- * cells of 4 bytes follow from byte 32 on, of which some change with each block.
+ * The link is "@PLCn/offset ...": n is the station; bytes 8..15 are the time of the
+ * block, cells of 4 bytes follow from byte 32 on, of which some change with each block.
  */
 #include <math.h>
 #include <stdio.h>
@@ -55,7 +55,7 @@ static double now(void)
     return t.tv_sec + t.tv_nsec * 1e-9;
 }
 
-/* --- Device support ----------------------------------------------------------------------*/
+/* --- Device support ---------------------------------------------------------------- */
 
 /* The same cells change as those of benchSender. */
 static int changes(int cell)
@@ -123,7 +123,7 @@ epicsExportAddress(dset, devFloorAi);
 epicsExportAddress(dset, devFloorBi);
 epicsExportAddress(dset, devFloorLongin);
 
-/* --- The clock ---------------------------------------------------------------------------*/
+/* --- The clock --------------------------------------------------------------------- */
 
 static void run(void *arg)
 {

@@ -1,8 +1,8 @@
 /* The PLC side of the benchmark: sends blocks at a given rate, and takes the time of
  * the blocks that come back. It shares no code with the driver.
  *
- * One listening socket per station, on 127.0.0.1, ports chosen by the system. Block to the
- * IOC, big endian:
+ * One listening socket per station, on 127.0.0.1, ports chosen by the system. Block to
+ * the IOC, big endian:
  *
  *     0  UINT32  sequence number
  *     8  DOUBLE  CLOCK_MONOTONIC just before send(), seconds
@@ -16,7 +16,7 @@
  *     wait              until every station is connected       "connected"
  *     run RATE COUNT    COUNT blocks per station, RATE/s each   "sent N late MS"
  *     clear             forgets the puts seen                   "cleared"
- *     puts              latency of the puts seen, ms            "puts N P50 P99 MAX BLOCKS"
+ *     puts              latency of the puts seen, ms        "puts N P50 P99 MAX BLOCKS"
  */
 #include <arpa/inet.h>
 #include <errno.h>
@@ -84,7 +84,7 @@ static void putDouble(unsigned char *at, double value)
     put(at, bits, 8);
 }
 
-/* --- Blocks to the IOC --------------------------------------------------------------------*/
+/* --- Blocks to the IOC ------------------------------------------------------------- */
 
 /* `changing` of the cells, evenly spread. */
 static int changes(int cell)
@@ -174,7 +174,7 @@ static void startRun(int count)
     }
 }
 
-/* --- Blocks from the IOC ------------------------------------------------------------------*/
+/* --- Blocks from the IOC ----------------------------------------------------------- */
 
 static void takeBlock(station *s)
 {
@@ -238,7 +238,7 @@ static void printPuts(void)
            n ? 1e3 * samples[n * 99 / 100] : 0, n ? 1e3 * samples[n - 1] : 0, outBlocks);
 }
 
-/* --- Loop -----------------------------------------------------------------------------------*/
+/* --- Loop -------------------------------------------------------------------------- */
 
 static void command(char *line)
 {
