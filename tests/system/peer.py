@@ -2,6 +2,7 @@
 
 Independent of plcSim and of the driver. One thread accepts, one per connection reads.
 """
+import select
 import socket
 import struct
 import threading
@@ -22,8 +23,15 @@ class Connection:
         while True:
             self.peer.reading.wait()
             try:
-                # slow readers take small bites
-                data = self.socket.recv(self.peer.bite)
+                select.select([self.socket], [], [])
+                # slow readers take small bites; one that cuts takes no byte more
+                bite = self.peer.bite
+                if self.peer.cut_after > len(self.received):
+                    bite = min(bite, self.peer.cut_after - len(self.received))
+                data = self.socket.recv(bite)
+            except ValueError:  # closed before select
+                self.end("closed")
+                return
             except OSError as error:
                 self.end("reset" if isinstance(error, ConnectionResetError) else "closed")
                 return
@@ -79,7 +87,7 @@ class Peer:
         self.reading = threading.Event()
         self.reading.set()
         self.bite = 65536
-        self.cut_after = 0
+        self.cut_after = 0  # resets the connection that has so many bytes
         self.listener = None
         self.port = port
         self.ticker = None
