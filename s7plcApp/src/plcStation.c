@@ -23,9 +23,14 @@ static epicsMutexId listLock;
 static epicsThreadOnceId once = EPICS_THREAD_ONCE_INIT;
 static int allStarted, allRunning;
 
+/* Room for the log lines of hundreds of stations that connect or lose their PLCs at once;
+ * EPICS's own is for a dozen. Without effect where st.cmd or the program has chosen one. */
+#define ERRLOG_BYTES 65536
+
 static void initOnce(void *arg)
 {
     (void)arg;
+    errlogInit(ERRLOG_BYTES);
     listLock = epicsMutexMustCreate();
 }
 
