@@ -243,6 +243,7 @@ static void release(devRecord *dev)
     if (!dev)
         return;
     devFollowLeave(dev);
+    devAwayLeave(dev);
     if (dev->listed)
         plcUsersRemove(plcStationUsers(dev->station), &dev->user);
     if (dev->shifted)
@@ -263,6 +264,8 @@ static void attach(dbCommon *prec)
     if (resolve(prec, dev, text, &error) == 0) {
         if (dev->has & plcHasR)
             devFollowJoin(prec, dev);
+        if (supportOf(prec)->direction == devOut)
+            plcStationOnTake(dev->station, devFollowAll);
         enlist(prec, dev);
         return;
     }
@@ -427,6 +430,7 @@ long devStore(dbCommon *prec, const void *bytes, const void *mask)
         return -1;
     devStampNow(prec);
     reason[0] = 0;
+    dev->away = 0;
     dev->refused = plcStationWrite(dev->station, dev->offset, dev->length, bytes, mask,
                                    reason) != 0;
     if (dev->refused)
@@ -435,10 +439,7 @@ long devStore(dbCommon *prec, const void *bytes, const void *mask)
         devShow(dev);
     if (dev->shown && !reason[0] && !plcStationTaken(dev->station))
         epicsSnprintf(reason, sizeof(reason), "waiting for the PLC's value");
-    if (!reason[0])
-        return 0;
-    recGblSetSevrMsg(prec, COMM_ALARM, INVALID_ALARM, "%s", reason);
-    return -1;
+    return reason[0] ? devAway(prec, dev, reason) : 0;
 }
 
 long devStoreInt(dbCommon *prec, epicsInt64 value, epicsUInt64 mask)

@@ -61,6 +61,11 @@ typedef struct devRecord {
     int known;           /* shown is filled */
     int following;       /* the record processes in order to follow, not to write */
     int refused;         /* the write that runs was refused by the station */
+    /* outputs whose value waits for the PLC */
+    ELLNODE awayNode;    /* in the list of records that wait, while `waits` */
+    int waits;
+    int away;            /* the record has its alarm for this, instead of */
+    epicsEnum16 hiddenStatus, hiddenSeverity; /* this one */
 } devRecord;
 
 /* One row per record type. A dset (its head is all that Base sees), with what the generic
@@ -98,6 +103,9 @@ long devWrite(dbCommon *prec);
 void devFollowJoin(dbCommon *prec, devRecord *dev);
 void devFollowLeave(devRecord *dev);
 
+/* In a callback thread, after the PLC came back, or the output image took values of it. */
+void devFollowAll(plcStation *station);
+
 /* VAL shows what the output image holds now. */
 void devShow(devRecord *dev);
 
@@ -116,6 +124,14 @@ int devFindStation(devRecord *dev, const char *name, plcLinkError *error);
 /* The link of a devStatistics record: @PLCname/name. Returns 0 or -1 with *error. */
 int devResolveStatistics(const char *recordType, devRecord *dev, const char *text,
                          plcLinkError *error);
+
+/* The value of an output is kept, but the PLC is away: raises COMM_ALARM, which ends when the
+ * PLC is back. Returns -1; or 0 when the PLC has just come. */
+long devAway(dbCommon *prec, devRecord *dev, const char *reason);
+void devAwayLeave(devRecord *dev);
+
+/* The PLC is back: ends the alarms of its outputs. In a callback thread. */
+void devAwayEnd(plcStation *station);
 
 /* A one-line warning about the record; it works all the same. */
 void devWarn(dbCommon *prec, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);

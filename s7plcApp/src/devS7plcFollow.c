@@ -36,6 +36,7 @@ static dbCommon **recordsOf(const plcStation *station, size_t *count)
     ELLNODE *node;
 
     *count = 0;
+    epicsThreadOnce(&once, initOnce, NULL);
     epicsMutexMustLock(lock);
     records = callocMustSucceed(ellCount(&followers) + 1, sizeof(*records), "devFollow");
     for (node = ellFirst(&followers); node; node = ellNext(node)) {
@@ -78,8 +79,7 @@ static void followRecord(dbCommon *prec, const plcStation *station)
     free(bytes);
 }
 
-/* In a callback thread, after the output image took values of the PLC. */
-static void followAll(plcStation *station)
+void devFollowAll(plcStation *station)
 {
     size_t count, i;
     dbCommon **records = recordsOf(station, &count);
@@ -90,6 +90,7 @@ static void followAll(plcStation *station)
         dbScanUnlock(records[i]);
     }
     free(records);
+    devAwayEnd(station);
 }
 
 void devFollowJoin(dbCommon *prec, devRecord *dev)
@@ -106,7 +107,6 @@ void devFollowJoin(dbCommon *prec, devRecord *dev)
     dev->shown = callocMustSucceed(1, dev->length + 1, "devFollowJoin");
     plcStationAddReadback(dev->station, dev, dev->offset, dev->readback, dev->length,
                           bits ? mask : NULL);
-    plcStationOnTake(dev->station, followAll);
     epicsMutexMustLock(lock);
     ellAdd(&followers, &dev->node);
     epicsMutexUnlock(lock);

@@ -104,7 +104,8 @@ long plcStationMirror(plcStation *station);
 /* True when the output image holds what the PLC has shown, not only what was written. */
 int plcStationTaken(plcStation *station);
 
-/* follow(station) is called in a callback thread after outputs took values from the PLC. */
+/* follow(station) is called in a callback thread after the PLC came back, and after outputs
+ * took values from it. */
 void plcStationOnTake(plcStation *station, void (*follow)(plcStation *station));
 
 /* 1 while TCP to the PLC (the leading one) is up. *reason (may be NULL) says why not. */

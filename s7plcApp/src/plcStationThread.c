@@ -77,12 +77,29 @@ static int isPair(plcStation *s)
     return s->policy->links > 1;
 }
 
+/* Output records are told in a callback that the PLC is back, or that outputs took a value
+ * from it. */
+static void requestFollow(plcStation *s, unsigned places)
+{
+    epicsMutexMustLock(s->lock);
+    s->stats.readbacks += places;
+    epicsMutexUnlock(s->lock);
+    if (s->follow && epicsAtomicCmpAndSwapIntT(&s->following, 0, 1) == 0 &&
+        callbackRequest(&s->followCallback))
+        epicsAtomicSetIntT(&s->following, 0);
+}
+
 /* For record threads: outputs go somewhere, or soon will. While the data of a pair is
  * valid, a new leader is expected, and it will get them. */
 static void setLeads(plcStation *s)
 {
-    epicsAtomicSetIntT(&s->leads, s->leader >= 0 || (isPair(s) && s->valid));
+    int before = epicsAtomicGetIntT(&s->leads);
+    int leads = s->leader >= 0 || (isPair(s) && s->valid);
+
+    epicsAtomicSetIntT(&s->leads, leads);
     plcStationGate(s);
+    if (leads && !before)
+        requestFollow(s, 0);
 }
 
 static void setState(plcStation *s, int state)
@@ -216,17 +233,6 @@ static void aliveStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     s->frozen = 1;
     logLine(s, errlogMajor, now, "frozen: blocks come, but the alive word stands still");
     invalidate(s, plcStateFrozen, "PLC frozen: alive word stands still");
-}
-
-/* Records whose outputs took a value from the PLC are told in a callback. */
-static void requestFollow(plcStation *s, unsigned places)
-{
-    epicsMutexMustLock(s->lock);
-    s->stats.readbacks += places;
-    epicsMutexUnlock(s->lock);
-    if (s->follow && epicsAtomicCmpAndSwapIntT(&s->following, 0, 1) == 0 &&
-        callbackRequest(&s->followCallback))
-        epicsAtomicSetIntT(&s->following, 0);
 }
 
 /* The outputs take what the PLC shows. */

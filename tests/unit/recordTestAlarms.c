@@ -299,6 +299,43 @@ static void receive(SOCKET plc, epicsUInt8 *block)
     }
 }
 
+/* Outputs that were written while the PLC was away, and then it comes. */
+static void testReturn(void)
+{
+    testMonitor *pini, *high;
+    unsigned short port;
+    SOCKET server = listenLocal(&port), plc;
+    epicsUInt8 sent[BLOCK];
+    char address[40];
+
+    iocBegin();
+    makeStation("P", 1, BLOCK, BLOCK);
+    makeRecord("stringout", "Addr", "OUT=@P|DTYP=S7plc addr");
+    makeRecord("ao", "Pini", "OUT=@P/0|VAL=7|PINI=YES");
+    makeRecord("ao", "High", "OUT=@P/2|VAL=9|PINI=YES|HIHI=8|HHSV=MAJOR");
+    makeRecord("longout", "Never", "OUT=@P/4|PINI=YES");
+    iocRunOk();
+    isField("Pini", "STAT", "COMM", "has a COMM alarm while the PLC is away");
+    isField("High", "STAT", "COMM", "has a COMM alarm while the PLC is away");
+    pini = testMonitorCreate("Pini", DBE_ALARM, 0);
+    high = testMonitorCreate("High", DBE_ALARM, 0);
+    epicsSnprintf(address, sizeof(address), "127.0.0.1:%u", port);
+    put("Addr", address);
+    plc = epicsSocketAccept(server, NULL, NULL);
+    waitFor(pini, "Pini.SEVR", "NO_ALARM");
+    isAlarm("Pini", "NO_ALARM", "NO_ALARM", "", "when the PLC has come");
+    waitFor(high, "High.SEVR", "MAJOR");
+    isAlarm("High", "MAJOR", "HIHI", "", "again when the PLC has come");
+    isField("Never", "STAT", "UDF", "without a value keeps its UDF alarm");
+    receive(plc, sent);
+    testOk(memcmp(sent, "\0\7\0\11\0\0", 6) == 0, "the PLC gets the values");
+    testMonitorDestroy(pini);
+    testMonitorDestroy(high);
+    epicsSocketDestroy(plc);
+    epicsSocketDestroy(server);
+    iocEnd();
+}
+
 static plcStation *makeConnected(unsigned short port)
 {
     plcStationConfig config = {0};
@@ -372,10 +409,11 @@ static void testConnection(void)
 
 MAIN(recordTestAlarms)
 {
-    testPlan((int)(IN_TESTS * COUNT(inputs) + 6 + 6 * COUNT(outputs) + 11 + 12));
+    testPlan((int)(IN_TESTS * COUNT(inputs) + 6 + 6 * COUNT(outputs) + 11 + 6 + 12));
     testInputs();
     testTimes();
     testOutputs();
+    testReturn();
     testConnection();
     return testDone();
 }
