@@ -162,6 +162,7 @@ plcStation *plcStationCreate(const plcStationConfig *config)
     s->options.sendInterval = config->sendInterval;
     s->optionsChanged = 1;
     s->leader = s->lastLeader = s->stats.leader = -1;
+    s->stats.state = config->address[0][0] ? plcStateConnecting : plcStateNoAddress;
     epicsSnprintf(s->reason, sizeof(s->reason), "not connected yet");
     for (i = 0; i < s->policy->links; i++)
         setLine(s, i, config);

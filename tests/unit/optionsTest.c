@@ -7,6 +7,7 @@
 #include <testMain.h>
 
 #include "plcOptions.h"
+#include "testTools.h"
 
 static const struct {
     const char *key, *value;
@@ -158,14 +159,40 @@ static void testPrint(void)
     free(text);
 }
 
+/* The manual has a line for each key, with its range. */
+static void testManual(void)
+{
+    char *manual = toolReadFile("docs/options.md"), *text = NULL, *line, key[40], cell[60];
+    size_t size = 0;
+    FILE *file = open_memstream(&text, &size);
+    int count = 0, missing = 0;
+
+    plcOptionsPrint(NULL, file);
+    fclose(file);
+    for (line = strtok(text, "\n"); line; line = strtok(NULL, "\n")) {
+        if (line[2] == ' ' || sscanf(line, "%39s", key) != 1)
+            continue;
+        count++;
+        sprintf(cell, "| `%s` ", key);
+        if (!strstr(manual, cell)) {
+            missing++;
+            testDiag("docs/options.md has no %s", key);
+        }
+    }
+    testOk(count > 10 && missing == 0, "docs/options.md has all %d options", count);
+    free(text);
+    free(manual);
+}
+
 MAIN(optionsTest)
 {
     size_t i;
 
-    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 11);
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 12);
     for (i = 0; i < sizeof(rows) / sizeof(rows[0]); i++)
         testRow(i);
     testTexts();
     testPrint();
+    testManual();
     return testDone();
 }

@@ -254,6 +254,24 @@ static void testScan(plcStation *s, int *fd, int listener)
     isValue("scan:blocksIn.SEVR", "NO_ALARM", "without alarm");
 }
 
+/* The manual has a line for each name. */
+static void testManual(void)
+{
+    char *manual = toolReadFile("docs/statistics.md"), cell[60];
+    const plcStatRow *row;
+    int missing = 0;
+
+    for (row = plcStatRows; row->name; row++) {
+        epicsSnprintf(cell, sizeof(cell), "| `%s` |", row->name);
+        if (!strstr(manual, cell)) {
+            missing++;
+            testDiag("docs/statistics.md has no %s", row->name);
+        }
+    }
+    testOk(missing == 0, "docs/statistics.md has all names");
+    free(manual);
+}
+
 /* --- s7plcShow ---------------------------------------------------------------------------*/
 
 static const char *shown(plcStation *s, const char *what)
@@ -357,7 +375,8 @@ static void runGood(void)
 
 MAIN(recordTestStats)
 {
-    testPlan((int)combinations() + 2 * (int)COUNT(refused) + 55);
+    testPlan((int)combinations() + 2 * (int)COUNT(refused) + 56);
+    testManual();
     runRefused();
     runGood();
     return testDone();

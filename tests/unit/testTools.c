@@ -1,6 +1,8 @@
 /* The PLC's end of a connection for the tests; see testTools.h. */
 #include <errno.h>
 #include <poll.h>
+#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -22,6 +24,28 @@ static int ready(int fd, short events)
         if (poll(&p, 1, 1000) > 0)
             return 1;
     return 0;
+}
+
+char *toolReadFile(const char *name)
+{
+    static const char *const tops[] = {"../../..", "../.."};
+    char path[300], *text = calloc(1, 100001);
+    size_t i;
+
+    for (i = 0; i < 2; i++) {
+        FILE *file;
+
+        snprintf(path, sizeof(path), "%s/%s", tops[i], name);
+        file = fopen(path, "r");
+        if (!file)
+            continue;
+        if (!fread(text, 1, 100000, file))
+            text[0] = 0;
+        fclose(file);
+        return text;
+    }
+    testAbort("no file %s", name);
+    return NULL;
 }
 
 int toolListen(int *port)

@@ -20,6 +20,10 @@
             epicsThreadSleep(0.001);                                                      \
     } while (0)
 
+/* A file of the source tree, "docs/options.md", to be freed; tests run in their O.* folder
+ * or beside their source. */
+char *toolReadFile(const char *name);
+
 /* A listening socket on loopback; *port is the one asked for or, for 0, a free one. */
 int toolListen(int *port);
 
