@@ -92,7 +92,7 @@ def malformed():
         ("ai", "@PLC/0 T=TIME"), ("ai", "@PLC/0 L=5 H=5"), ("ai", "@PLC/0 L=abc"),
         ("bi", "@PLC/0 T=BYTE B=8"), ("bi", "@PLC/0 B=16"), ("bi", "@PLC/0 B=-1"),
         ("bi", "@PLC/0 T=FLOAT"), ("longin", "@PLC/0 T=FLOAT"), ("longin", "@PLC/62 T=INT32"),
-        ("longin", "@PLC/0 T=INT16 T"), ("stringin", "@PLC/30 L=40"), ("stringin", "@PLC/0 L=0"),
+        ("longin", "@PLC/0 T=INT16 T"), ("stringin", "@PLC/30 L=40"), ("stringin", "@PLC/0 L=x"),
         ("stringin", "@PLC/0 L=-3"), ("stringin", "@PLC/0 T=INT16"), ("mbbi", "@PLC/0 T=DOUBLE"),
         ("int64in", "@PLC/60 T=INT64"), ("int64in", "@PLC/0 T=FLOAT"), ("ao", "@PLC/64"),
         ("ao", "@PLC/0 T=STRING"), ("bo", "@PLC/0 T=WORD B=99"), ("longout", "@PLC/61 T=LONG"),
