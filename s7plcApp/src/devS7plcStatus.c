@@ -52,6 +52,7 @@ static int prepareAddr(dbCommon *common, devRecord *dev, const plcLink *link,
     if (prec->val[0] == 0) {
         plcStationAddress(dev->station, prec->val, sizeof(prec->val));
         prec->udf = FALSE;
+        prec->sevr = NO_ALARM; /* it has a value now */
     }
     return 0;
 }

@@ -10,7 +10,12 @@
 /* The words of the alarm before stay in AMSG unless a new alarm brings its own. */
 #define plcClearMessage(prec) ((void)((prec)->nsev == NO_ALARM ? (prec)->namsg[0] = 0 : 0))
 #else
-#define recGblSetSevrMsg(prec, stat, sevr, ...) recGblSetSevr(prec, stat, sevr)
+static inline void plcNoMessage(const char *format, ...)
+{
+    (void)format;
+}
+#define recGblSetSevrMsg(prec, stat, sevr, ...) \
+    (plcNoMessage(__VA_ARGS__), recGblSetSevr(prec, stat, sevr))
 #define plcClearMessage(prec) ((void)(prec))
 #endif
 

@@ -375,6 +375,7 @@ static void testConnection(void)
     counter = testMonitorCreate("Beat", DBE_VALUE | DBE_ALARM, 0);
     epicsSnprintf(address, sizeof(address), "127.0.0.1:%u", port);
     isValue("Addr", address, "S7plc addr shows the address of s7plcConfigure");
+    isField("Addr", "SEVR", "NO_ALARM", "is defined from the start");
 
     plc = epicsSocketAccept(server, NULL, NULL);
     receive(plc, sent);
@@ -409,7 +410,7 @@ static void testConnection(void)
 
 MAIN(recordTestAlarms)
 {
-    testPlan((int)(IN_TESTS * COUNT(inputs) + 6 + 6 * COUNT(outputs) + 11 + 6 + 12));
+    testPlan((int)(IN_TESTS * COUNT(inputs) + 6 + 6 * COUNT(outputs) + 11 + 6 + 13));
     testInputs();
     testTimes();
     testOutputs();
