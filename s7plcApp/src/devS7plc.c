@@ -1,6 +1,6 @@
 /* Device support "S7plc", the part that is the same for every record type: from the link
- * to a place in an image, the copy between image and record adapter, alarms, messages, and
- * links that change at run time.
+ * to a place in an image, the copy between image and record adapter, alarms, messages,
+ * and links that change at run time.
  *
  * Knows no record type: their fields are in devS7plcIn.c, devS7plcOut.c, devS7plcArray.c.
  */
@@ -33,7 +33,7 @@ static const devSupport *supportOf(const dbCommon *prec)
     return (const devSupport *)prec->dset;
 }
 
-/* --- Messages --------------------------------------------------------------------------- */
+/* --- Messages ----------------------------------------------------------------------- */
 
 int devFail(plcLinkError *error, size_t column, const char *format, ...)
 {
@@ -72,7 +72,8 @@ static void printRefusal(dbCommon *prec, const char *text, const plcLinkError *e
 
     errlogPrintf("%s %s \"%s\" %s: %s\n    %s%.*s%s\n    %*s\n", support->dtyp,
                  support->shape.recordType, prec->name, support->field, error->text, head,
-                 QUOTE_MAX, text + from, tail, (int)(strlen(head) + column - from + 1), "^");
+                 QUOTE_MAX, text + from, tail, (int)(strlen(head) + column - from + 1),
+                 "^");
 }
 
 /* The message without what is allowed: it must fit into AMSG. */
@@ -88,7 +89,7 @@ static char *shortReason(const plcLinkError *error)
     return epicsStrDup(reason);
 }
 
-/* --- From the link to a place in a block ------------------------------------------------- */
+/* --- From the link to a place in a block -------------------------------------------- */
 
 static const char *linkText(dbCommon *prec)
 {
@@ -143,8 +144,10 @@ static int placeReadback(devRecord *dev, const plcLink *link, plcLinkError *erro
     if (mirror < 0)
         return 0;
     if (link->has & plcHasR && link->readback != mirror + dev->offset)
-        return devFail(error, link->column.R, "the PLC's option readback=%ld shows this "
-                       "place at %ld; leave R= out", mirror, mirror + (long)dev->offset);
+        return devFail(error, link->column.R,
+                       "the PLC's option readback=%ld shows this "
+                       "place at %ld; leave R= out",
+                       mirror, mirror + (long)dev->offset);
     dev->has |= plcHasR;
     dev->readback = mirror + dev->offset;
     return 0;
@@ -161,8 +164,8 @@ static int place(dbCommon *prec, devRecord *dev, const plcLink *link, size_t roo
     dev->bigEndian = plcStationBigEndian(dev->station);
     dev->type = link->type;
     dev->offset = link->offset;
-    dev->length = link->type->kind == plcString ? stringLength(prec, link, room)
-                                                : link->type->size;
+    dev->length =
+        link->type->kind == plcString ? stringLength(prec, link, room) : link->type->size;
     dev->has = link->has;
     dev->readback = link->readback;
     dev->low = link->low;
@@ -179,7 +182,8 @@ static int place(dbCommon *prec, devRecord *dev, const plcLink *link, size_t roo
     if (dev->buffered)
         dev->buffer = callocMustSucceed(1, dev->length, "S7plc buffer");
     if (out && dev->offset < plcStationHeader(dev->station))
-        return devFail(error, link->column.offset, "bytes 0 to %u are the header of the "
+        return devFail(error, link->column.offset,
+                       "bytes 0 to %u are the header of the "
                        "sync handshake; allowed: %u and up",
                        (unsigned)plcStationHeader(dev->station) - 1,
                        (unsigned)plcStationHeader(dev->station));
@@ -276,7 +280,7 @@ static void attach(dbCommon *prec)
     recGblResetAlarms(prec);
 }
 
-/* --- Functions that Base calls ----------------------------------------------------------- */
+/* --- Functions that Base calls ------------------------------------------------------ */
 
 long devInitRecord(dbCommon *prec)
 {
@@ -285,7 +289,8 @@ long devInitRecord(dbCommon *prec)
 }
 
 /* At iocInit Base calls this before init_record, which does the work then. Never refuses:
- * Base would take the record out of service and forget that it was scanned by I/O Intr. */
+ * Base would take the record out of service and forget that it was scanned by I/O Intr.
+ */
 static long addRecord(dbCommon *prec)
 {
     if (running)
@@ -338,7 +343,7 @@ long devIointInfo(int leave, dbCommon *prec, IOSCANPVT *list)
     return 0;
 }
 
-/* --- What several record types prepare --------------------------------------------------- */
+/* --- What several record types prepare ---------------------------------------------- */
 
 int devPrepareString(dbCommon *prec, devRecord *dev, const plcLink *link,
                      plcLinkError *error)
@@ -351,7 +356,8 @@ int devPrepareString(dbCommon *prec, devRecord *dev, const plcLink *link,
 int devPrepareMask(dbCommon *prec, devRecord *dev, epicsUInt32 *mask, unsigned nobt,
                    unsigned shft)
 {
-    const char *works = supportOf(prec)->direction == devOut ? "writes nothing" : "reads 0";
+    const char *works =
+        supportOf(prec)->direction == devOut ? "writes nothing" : "reads 0";
 
     dev->shifted = mask;
     dev->unshifted = *mask;
@@ -364,7 +370,7 @@ int devPrepareMask(dbCommon *prec, devRecord *dev, epicsUInt32 *mask, unsigned n
     return 0;
 }
 
-/* --- Between image and record ------------------------------------------------------------ */
+/* --- Between image and record ------------------------------------------------------- */
 
 void devStampNow(dbCommon *prec)
 {
@@ -431,8 +437,8 @@ long devStore(dbCommon *prec, const void *bytes, const void *mask)
     devStampNow(prec);
     reason[0] = 0;
     dev->away = 0;
-    dev->refused = plcStationWrite(dev->station, dev->offset, dev->length, bytes, mask,
-                                   reason) != 0;
+    dev->refused =
+        plcStationWrite(dev->station, dev->offset, dev->length, bytes, mask, reason) != 0;
     if (dev->refused)
         return devRefuseWrite(prec, "%s", reason);
     if (dev->shown)

@@ -27,8 +27,8 @@ struct plcStatRow;
 #define DEV_SCALAR 8 /* bytes of the widest element */
 
 typedef enum {
-    devIn,    /* INP in the input block; I/O Intr: with each block */
-    devOut,   /* OUT in the output block; I/O Intr: each sendInterval */
+    devIn,     /* INP in the input block; I/O Intr: with each block */
+    devOut,    /* OUT in the output block; I/O Intr: each sendInterval */
     devStatus, /* no place in a block; I/O Intr: also when the connection comes or goes */
     devStatistics /* nor this; the link names a statistic; I/O Intr: once a second too */
 } devDirection;
@@ -42,29 +42,29 @@ typedef struct devRecord {
     size_t offset;       /* bytes from the start of the block */
     size_t length;       /* bytes of the whole value */
     int bigEndian;
-    unsigned has;        /* options that stood in the link: plcHasT | ... */
-    size_t readback;     /* R=: offset in the input block, when has & plcHasR */
-    epicsInt64 low;      /* L= and H= of integer types */
+    unsigned has;    /* options that stood in the link: plcHasT | ... */
+    size_t readback; /* R=: offset in the input block, when has & plcHasR */
+    epicsInt64 low;  /* L= and H= of integer types */
     epicsInt64 high;
-    epicsUInt64 mask;    /* single bits (bi, bo): the bits of the element that are ours */
-    epicsUInt32 *shifted; /* MASK of a multibit record, which we have shifted by SHFT, */
+    epicsUInt64 mask; /* single bits (bi, bo): the bits of the element that are ours */
+    epicsUInt32 *shifted;  /* MASK of a multibit record, which we have shifted by SHFT, */
     epicsUInt32 unshifted; /* and what it was; NULL and 0 else */
-    int buffered;        /* prepare sets this: make a buffer */
+    int buffered;          /* prepare sets this: make a buffer */
     const struct plcStatRow *statistic; /* of a devStatistics record */
-    plcUser user;        /* its place, for people; in a list while `listed` */
+    plcUser user; /* its place, for people; in a list while `listed` */
     int listed;
-    epicsUInt8 *buffer;  /* strings, arrays: `length` bytes in wire order, else NULL */
+    epicsUInt8 *buffer; /* strings, arrays: `length` bytes in wire order, else NULL */
     /* outputs with a read-back */
-    ELLNODE node;        /* in the list of records that follow */
+    ELLNODE node; /* in the list of records that follow */
     dbCommon *prec;
-    epicsUInt8 *shown;   /* the bytes that VAL shows now, NULL: no read-back */
-    int known;           /* shown is filled */
-    int following;       /* the record processes in order to follow, not to write */
-    int refused;         /* the write that runs was refused by the station */
+    epicsUInt8 *shown; /* the bytes that VAL shows now, NULL: no read-back */
+    int known;         /* shown is filled */
+    int following;     /* the record processes in order to follow, not to write */
+    int refused;       /* the write that runs was refused by the station */
     /* outputs whose value waits for the PLC */
-    ELLNODE awayNode;    /* in the list of records that wait, while `waits` */
+    ELLNODE awayNode; /* in the list of records that wait, while `waits` */
     int waits;
-    int away;            /* the record has its alarm for this, instead of */
+    int away; /* the record has its alarm for this, instead of */
     epicsEnum16 hiddenStatus, hiddenSeverity; /* this one */
 } devRecord;
 
@@ -72,15 +72,17 @@ typedef struct devRecord {
  * code must know of the record type behind it. */
 typedef struct devSupport {
     dset common;
-    long (*transfer)(dbCommon *prec);           /* read_xx or write_xx of the dset */
-    long (*linconv)(dbCommon *prec, int after); /* special_linconv of ai and ao, or NULL */
-    const char *dtyp;                           /* "S7plc" and */
-    const char *field;                          /* "INP" or "OUT", for messages */
+    long (*transfer)(dbCommon *prec); /* read_xx or write_xx of the dset */
+    /* special_linconv of ai and ao, or NULL */
+    long (*linconv)(dbCommon *prec, int after);
+    const char *dtyp;  /* "S7plc" and */
+    const char *field; /* "INP" or "OUT", for messages */
     devDirection direction;
     plcShape shape;
     long initStatus; /* what init_record returns: 2 = keep VAL, do not convert */
-    /* Adapts the shape to the fields of this record (FTVL of arrays) and sets *room to the
-     * bytes of its own string. Returns 0 or -1 with *error. NULL: nothing to adapt. */
+    /* Adapts the shape to the fields of this record (FTVL of arrays) and sets *room to
+     * the bytes of its own string. Returns 0 or -1 with *error. NULL: nothing to adapt.
+     */
     int (*adapt)(dbCommon *prec, const plcLink *link, plcShape *shape, size_t *room,
                  plcLinkError *error);
     /* Prepares record and dev (masks, slopes, length), once the link is complete.
@@ -103,7 +105,8 @@ long devWrite(dbCommon *prec);
 void devFollowJoin(dbCommon *prec, devRecord *dev);
 void devFollowLeave(devRecord *dev);
 
-/* In a callback thread, after the PLC came back, or the output image took values of it. */
+/* In a callback thread, after the PLC came back, or the output image took values of it.
+ */
 void devFollowAll(plcStation *station);
 
 /* VAL shows what the output image holds now. */
@@ -125,8 +128,8 @@ int devFindStation(devRecord *dev, const char *name, plcLinkError *error);
 int devResolveStatistics(const char *recordType, devRecord *dev, const char *text,
                          plcLinkError *error);
 
-/* The value of an output is kept, but the PLC is away: raises COMM_ALARM, which ends when the
- * PLC is back. Returns -1; or 0 when the PLC has just come. */
+/* The value of an output is kept, but the PLC is away: raises COMM_ALARM, which ends when
+ * the PLC is back. Returns -1; or 0 when the PLC has just come. */
 long devAway(dbCommon *prec, devRecord *dev, const char *reason);
 void devAwayLeave(devRecord *dev);
 
@@ -149,8 +152,8 @@ int devPrepareMask(dbCommon *prec, devRecord *dev, epicsUInt32 *mask, unsigned n
 devRecord *devOf(dbCommon *prec);
 
 /* Copies the record's bytes from the input image, in wire order, and sets its time with
- * TSE=-2. Returns 0; or -1 when there is no valid data: the alarm is raised, the value must
- * stay as it is, and the adapter returns -1 so that the record does not convert. */
+ * TSE=-2. Returns 0; or -1 when there is no valid data: the alarm is raised, the value
+ * must stay as it is, and the adapter returns -1 so that the record does not convert. */
 long devFetch(dbCommon *prec, void *bytes);
 
 /* Puts the record's bytes into the output image, only the bits set in mask (NULL: all).

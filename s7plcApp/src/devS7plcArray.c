@@ -24,17 +24,19 @@ static const struct {
     unsigned size;
     const char *defaultType;
 } elementTypes[] = {
-    [menuFtypeCHAR] = {"CHAR", plcInteger | plcString | plcBcd, 1, "INT8"},
-    [menuFtypeUCHAR] = {"UCHAR", plcInteger | plcString | plcBcd, 1, "UINT8"},
-    [menuFtypeSHORT] = {"SHORT", plcInteger, 2, "INT16"},
-    [menuFtypeUSHORT] = {"USHORT", plcInteger, 2, "UINT16"},
-    [menuFtypeLONG] = {"LONG", plcInteger, 4, "INT32"},
-    [menuFtypeULONG] = {"ULONG", plcInteger, 4, "UINT32"},
-    [menuFtypeINT64] = {"INT64", plcInteger, 8, "INT64"},
-    [menuFtypeUINT64] = {"UINT64", plcInteger, 8, "UINT64"},
-    [menuFtypeFLOAT] = {"FLOAT", plcReal, 4, "REAL32"},
-    [menuFtypeDOUBLE] = {"DOUBLE", plcReal, 8, "REAL64"},
-    [menuFtypeENUM] = {"ENUM", plcInteger, 2, "UINT16"},
+    /* clang-format off */
+    [menuFtypeCHAR]    = {"CHAR",   plcInteger | plcString | plcBcd, 1, "INT8"},
+    [menuFtypeUCHAR]   = {"UCHAR",  plcInteger | plcString | plcBcd, 1, "UINT8"},
+    [menuFtypeSHORT]   = {"SHORT",  plcInteger,                      2, "INT16"},
+    [menuFtypeUSHORT]  = {"USHORT", plcInteger,                      2, "UINT16"},
+    [menuFtypeLONG]    = {"LONG",   plcInteger,                      4, "INT32"},
+    [menuFtypeULONG]   = {"ULONG",  plcInteger,                      4, "UINT32"},
+    [menuFtypeINT64]   = {"INT64",  plcInteger,                      8, "INT64"},
+    [menuFtypeUINT64]  = {"UINT64", plcInteger,                      8, "UINT64"},
+    [menuFtypeFLOAT]   = {"FLOAT",  plcReal,                         4, "REAL32"},
+    [menuFtypeDOUBLE]  = {"DOUBLE", plcReal,                         8, "REAL64"},
+    [menuFtypeENUM]    = {"ENUM",   plcInteger,                      2, "UINT16"},
+    /* clang-format on */
 };
 
 #define NUM_FTVL (sizeof(elementTypes) / sizeof(elementTypes[0]))
@@ -76,8 +78,8 @@ static int adaptArray(unsigned ftvl, size_t nelm, const plcLink *link, plcShape 
     return 0;
 }
 
-/* All NELM elements, or the L bytes of a string, go through a buffer. NORD is NELM from the
- * start, unless autosave or DOL has filled the array. */
+/* All NELM elements, or the L bytes of a string, go through a buffer. NORD is NELM from
+ * the start, unless autosave or DOL has filled the array. */
 static int prepareArray(devRecord *dev, size_t nelm, epicsUInt32 *nord)
 {
     if (dev->type->kind != plcString)
@@ -88,7 +90,7 @@ static int prepareArray(devRecord *dev, size_t nelm, epicsUInt32 *nord)
     return 0;
 }
 
-/* --- Reading ----------------------------------------------------------------------------- */
+/* --- Reading ------------------------------------------------------------------------ */
 
 /* Returns 0 and the array filled, or -1. */
 static long readArray(dbCommon *common, void *array)
@@ -100,8 +102,8 @@ static long readArray(dbCommon *common, void *array)
     if (dev->type->kind == plcBcd)
         plcBcdDecode(array, dev->buffer, dev->length);
     else
-        plcCopyElements(array, dev->buffer, dev->type->size, dev->length / dev->type->size,
-                        dev->bigEndian);
+        plcCopyElements(array, dev->buffer, dev->type->size,
+                        dev->length / dev->type->size, dev->bigEndian);
     common->udf = FALSE;
     return 0;
 }
@@ -160,7 +162,7 @@ static int prepareAai(dbCommon *common, devRecord *dev, const plcLink *link,
     return prepareArray(dev, prec->nelm, &prec->nord);
 }
 
-/* --- Writing ----------------------------------------------------------------------------- */
+/* --- Writing ------------------------------------------------------------------------ */
 
 /* Writes the whole array, also what is behind the NORD elements of the last put. */
 static long writeAao(dbCommon *common)
@@ -173,8 +175,8 @@ static long writeAao(dbCommon *common)
     if (dev->type->kind == plcBcd)
         plcBcdEncode(dev->buffer, array, dev->length);
     else
-        plcCopyElements(dev->buffer, array, dev->type->size, dev->length / dev->type->size,
-                        dev->bigEndian);
+        plcCopyElements(dev->buffer, array, dev->type->size,
+                        dev->length / dev->type->size, dev->bigEndian);
     return devStore(common, dev->buffer, NULL);
 }
 
@@ -207,7 +209,7 @@ static int prepareAao(dbCommon *common, devRecord *dev, const plcLink *link,
     return prepareArray(dev, prec->nelm, &prec->nord);
 }
 
-/* --- The rows: adapt fills in what the shape allows ---------------------------------------- */
+/* --- The rows: adapt fills in what the shape allows --------------------------------- */
 
 /* clang-format off */
 const devSupport devS7plcWaveform = {DEV_DSET, readWaveform, NULL, "S7plc", "INP", devIn,

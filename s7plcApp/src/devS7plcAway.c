@@ -1,8 +1,8 @@
-/* Output records whose value waits for the PLC: their alarm ends when the PLC is back, not
- * only when they process again.
+/* Output records whose value waits for the PLC: their alarm ends when the PLC is back,
+ * not only when they process again.
  *
- * The value itself is in the output image and leaves with the next block; nothing is written
- * or processed here.
+ * The value itself is in the output image and leaves with the next block; nothing is
+ * written or processed here.
  */
 #include <stdlib.h>
 

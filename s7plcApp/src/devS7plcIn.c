@@ -1,5 +1,5 @@
-/* Device support "S7plc": the input records but arrays. One adapter and one row per record
- * type; the way from the link to the bytes is in devS7plc.c.
+/* Device support "S7plc": the input records but arrays. One adapter and one row per
+ * record type; the way from the link to the bytes is in devS7plc.c.
  */
 #include <math.h>
 #include <string.h>
@@ -25,7 +25,7 @@
 
 #define INT32_HIGHEST 0x7FFFFFFF
 
-/* --- ai ---------------------------------------------------------------------------------- */
+/* --- ai ----------------------------------------------------------------------------- */
 
 /* Sets ESLO and EOFF so that L..H become EGUL..EGUF. Float types are not converted. */
 static long linconv(aiRecord *prec, const devRecord *dev)
@@ -108,7 +108,7 @@ static long readAi(dbCommon *common)
     return 2;
 }
 
-/* --- Bits -------------------------------------------------------------------------------- */
+/* --- Bits --------------------------------------------------------------------------- */
 
 /* bi: RVAL shows the bit in its place, but of 64 bits it has room for only half: then it
  * is 1. MASK shows the bit in its half of a 64-bit type. */
@@ -182,7 +182,7 @@ static int prepareMbbiDirect(dbCommon *common, devRecord *dev, const plcLink *li
     return devPrepareMask(common, dev, &prec->mask, prec->nobt, prec->shft);
 }
 
-/* --- Integers ---------------------------------------------------------------------------- */
+/* --- Integers ----------------------------------------------------------------------- */
 
 /* longin: a UINT32 above 2147483647 shows as negative, VAL has no more bits. */
 static long readLongin(dbCommon *common)
@@ -200,7 +200,8 @@ static int prepareLongin(dbCommon *common, devRecord *dev, const plcLink *link,
 {
     (void)link, (void)error;
     if (s7plcDebug > 0 && dev->type->kind == plcUnsigned && dev->type->size == 4)
-        devWarn(common, "longin shows a UINT32 above 2147483647 as negative, int64in does not");
+        devWarn(common,
+                "longin shows a UINT32 above 2147483647 as negative, int64in does not");
     return 0;
 }
 
@@ -214,7 +215,7 @@ static long readInt64in(dbCommon *common)
     return 0;
 }
 
-/* --- Strings ----------------------------------------------------------------------------- */
+/* --- Strings ------------------------------------------------------------------------ */
 
 /* Copies the PLC's bytes up to the first NUL into a string of `size` bytes, terminated.
  * Returns its length without the terminator. */
@@ -270,7 +271,7 @@ static int adaptLsi(dbCommon *common, const plcLink *link, plcShape *shape, size
     return 0;
 }
 
-/* --- The rows ---------------------------------------------------------------------------- */
+/* --- The rows ----------------------------------------------------------------------- */
 
 #define ANALOG (plcInteger | plcReal)
 
@@ -281,14 +282,15 @@ const devSupport devS7plcBi = {DEV_DSET, readBi, NULL, "S7plc", "INP", devIn,
     {"bi", plcInteger, 8, plcHasB, "INT16"}, 0, NULL, prepareBi, NULL, NULL};
 const devSupport devS7plcMbbi = {DEV_DSET, readMbbi, NULL, "S7plc", "INP", devIn,
     {"mbbi", plcInteger, 4, 0, "INT16"}, 0, NULL, prepareMbbi, NULL, NULL};
-const devSupport devS7plcMbbiDirect = {DEV_DSET, readMbbiDirect, NULL, "S7plc", "INP", devIn,
-    {"mbbiDirect", plcInteger, 4, 0, "INT16"}, 0, NULL, prepareMbbiDirect, NULL, NULL};
+const devSupport devS7plcMbbiDirect = {DEV_DSET, readMbbiDirect, NULL, "S7plc", "INP",
+    devIn, {"mbbiDirect", plcInteger, 4, 0, "INT16"}, 0, NULL, prepareMbbiDirect, NULL, NULL};
 const devSupport devS7plcLongin = {DEV_DSET, readLongin, NULL, "S7plc", "INP", devIn,
     {"longin", plcInteger, 4, 0, "INT16"}, 0, NULL, prepareLongin, NULL, NULL};
 const devSupport devS7plcInt64in = {DEV_DSET, readInt64in, NULL, "S7plc", "INP", devIn,
     {"int64in", plcInteger, 8, 0, "INT16"}, 0, NULL, NULL, NULL, NULL};
 const devSupport devS7plcStringin = {DEV_DSET, readStringin, NULL, "S7plc", "INP", devIn,
-    {"stringin", plcString, 1, plcHasL, "STRING"}, 0, adaptStringin, devPrepareString, NULL, NULL};
+    {"stringin", plcString, 1, plcHasL, "STRING"}, 0, adaptStringin, devPrepareString,
+    NULL, NULL};
 const devSupport devS7plcLsi = {DEV_DSET, readLsi, NULL, "S7plc", "INP", devIn,
     {"lsi", plcString, 1, plcHasL, "STRING"}, 0, adaptLsi, devPrepareString, NULL, NULL};
 /* clang-format on */

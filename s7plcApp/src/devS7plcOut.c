@@ -28,7 +28,7 @@
 #define ALL_BITS (~(epicsUInt64)0)
 #define INT32_HIGHEST 0x7FFFFFFF
 
-/* --- ao and calcout ---------------------------------------------------------------------- */
+/* --- ao and calcout ----------------------------------------------------------------- */
 
 /* Sets ESLO and EOFF so that EGUL..EGUF become L..H. Float types are not converted. */
 static long linconv(aoRecord *prec, const devRecord *dev)
@@ -132,7 +132,7 @@ static long writeCalcout(dbCommon *common)
     return devStoreInt(common, clip(dev, value), ALL_BITS);
 }
 
-/* --- Bits: the others in the same place stay as they are ---------------------------------- */
+/* --- Bits: the others in the same place stay as they are ---------------------------- */
 
 static long writeBo(dbCommon *common)
 {
@@ -186,7 +186,7 @@ static int prepareMbboDirect(dbCommon *common, devRecord *dev, const plcLink *li
     return devPrepareMask(common, dev, &prec->mask, prec->nobt, prec->shft);
 }
 
-/* --- Integers: the low bytes are written, modulo 2^n --------------------------------------- */
+/* --- Integers: the low bytes are written, modulo 2^n -------------------------------- */
 
 static long writeLongout(dbCommon *common)
 {
@@ -198,7 +198,7 @@ static long writeInt64out(dbCommon *common)
     return devStoreInt(common, ((int64outRecord *)common)->val, ALL_BITS);
 }
 
-/* --- Strings ----------------------------------------------------------------------------- */
+/* --- Strings ------------------------------------------------------------------------ */
 
 /* Writes L bytes: the string, cut off or filled up with NULs. `size` bytes are the
  * string's own. */
@@ -249,7 +249,7 @@ static int adaptLso(dbCommon *common, const plcLink *link, plcShape *shape, size
     return 0;
 }
 
-/* --- Following: the value comes from the PLC ---------------------------------------------- */
+/* --- Following: the value comes from the PLC ---------------------------------------- */
 
 static void followAo(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
 {
@@ -277,7 +277,8 @@ static void followAo(dbCommon *common, const devRecord *dev, const epicsUInt8 *b
     prec->val = prec->oval = prec->pval = value;
 }
 
-/* calcout has no value of its own to set: OVAL shows the PLC's until the next calculation. */
+/* calcout has no value of its own to set: OVAL shows the PLC's until the next
+ * calculation. */
 static void followCalcout(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
 {
     ((calcoutRecord *)common)->oval =
@@ -335,7 +336,8 @@ static void followLongout(dbCommon *common, const devRecord *dev, const epicsUIn
         (epicsInt32)plcGetInt(dev->type, bytes, dev->bigEndian);
 }
 
-static void followInt64out(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
+static void followInt64out(dbCommon *common, const devRecord *dev,
+                           const epicsUInt8 *bytes)
 {
     ((int64outRecord *)common)->val = plcGetInt(dev->type, bytes, dev->bigEndian);
 }
@@ -368,7 +370,7 @@ static void followLso(dbCommon *common, const devRecord *dev, const epicsUInt8 *
     prec->len = (epicsUInt32)followString(prec->val, prec->sizv, dev, bytes) + 1;
 }
 
-/* --- The rows ---------------------------------------------------------------------------- */
+/* --- The rows ----------------------------------------------------------------------- */
 
 #define ANALOG (plcInteger | plcReal)
 

@@ -40,7 +40,7 @@ const char *messages(void)
     return copy;
 }
 
-/* --- The IOC ---------------------------------------------------------------------------- */
+/* --- The IOC ------------------------------------------------------------------------ */
 
 void iocBegin(void)
 {
@@ -120,8 +120,8 @@ void makeRecord(const char *type, const char *name, const char *fields)
 const char *linkField(const char *type)
 {
     static const char *const outputs[] = {
-        "ao",        "aao", "bo",  "calcout",  "int64out",   "longout",
-        "stringout", "lso", "mbbo", "mbboDirect",
+        "ao",      "aao",       "bo",  "calcout", "int64out",
+        "longout", "stringout", "lso", "mbbo",    "mbboDirect",
     };
     size_t i;
 
@@ -138,7 +138,7 @@ void publish(plcStation *station, const void *block, unsigned seconds)
     plcImagePublish(plcStationInput(station), block, &stamp);
 }
 
-/* --- Fields ----------------------------------------------------------------------------- */
+/* --- Fields ------------------------------------------------------------------------- */
 
 static int isLong(const DBADDR *addr)
 {
@@ -251,7 +251,8 @@ const char *get(const char *pv)
     for (i = 0; i < n; i++) {
         size_t used = strlen(text);
 
-        epicsSnprintf(text + used, sizeof(text) - used, "%s%s", i ? "," : "", elements[i]);
+        epicsSnprintf(text + used, sizeof(text) - used, "%s%s", i ? "," : "",
+                      elements[i]);
     }
     return text;
 }
@@ -261,7 +262,8 @@ static int sameNumber(const char *a, const char *b)
 {
     double x, y;
 
-    if (!strpbrk(b, ".enN") || epicsParseDouble(a, &x, NULL) || epicsParseDouble(b, &y, NULL))
+    if (!strpbrk(b, ".enN") || epicsParseDouble(a, &x, NULL) ||
+        epicsParseDouble(b, &y, NULL))
         return 0;
     return (isnan(x) && isnan(y)) || x == y || fabs(x - y) <= 1e-9 * fabs(y);
 }
@@ -276,7 +278,7 @@ void isValue(const char *pv, const char *expected, const char *title)
         testDiag("%s is \"%s\", not \"%s\"", pv, value, expected);
 }
 
-/* --- Bytes ------------------------------------------------------------------------------ */
+/* --- Bytes -------------------------------------------------------------------------- */
 
 size_t unhex(const char *hex, epicsUInt8 *bytes)
 {

@@ -36,7 +36,8 @@ void publish(plcStation *station, const void *block, unsigned seconds);
  * the status of dbPutField. */
 long put(const char *pv, const char *text);
 
-/* The field as text: VAL of bits as number, arrays as "1,2,3". The text is good until the next call. */
+/* The field as text: VAL of bits as number, arrays as "1,2,3". The text is good until the
+ * next call. */
 const char *get(const char *pv);
 
 /* Passes when the field has this value: as text, or as a number. */

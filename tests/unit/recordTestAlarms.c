@@ -50,7 +50,7 @@ static void isAlarm(const char *record, const char *severity, const char *status
         testDiag("it is %s", got);
 }
 
-/* --- Inputs ------------------------------------------------------------------------------- */
+/* --- Inputs ------------------------------------------------------------------------- */
 
 static const struct {
     const char *record, *fields;
@@ -127,7 +127,7 @@ static void testInputs(void)
     iocEnd();
 }
 
-/* --- Time stamps -------------------------------------------------------------------------- */
+/* --- Time stamps -------------------------------------------------------------------- */
 
 static void timeOf(const char *record, epicsTimeStamp *stamp)
 {
@@ -163,14 +163,15 @@ static void testTimes(void)
     timeOf("Out", &stamp);
     testOk(stamp.secPastEpoch > 12345, "TSE=-2 of an output gives the time of writing");
     timeOf("Stat", &stamp);
-    testOk(stamp.secPastEpoch > 12345, "TSE=-2 of S7plc stat gives the time of processing");
+    testOk(stamp.secPastEpoch > 12345,
+           "TSE=-2 of S7plc stat gives the time of processing");
     plcImageInvalidate(plcStationInput(station), "gone");
     timeOf("Block", &stamp);
     testOk(stamp.secPastEpoch > 12345, "TSE=-2 without data gives the time of the loss");
     iocEnd();
 }
 
-/* --- Outputs without a connection ----------------------------------------------------------- */
+/* --- Outputs without a connection --------------------------------------------------- */
 
 static const struct {
     const char *record, *fields, *value;
@@ -212,7 +213,8 @@ static void testRefusedWrites(plcStation *station)
 
     for (i = 0; i < COUNT(outputs); i++)
         setOutput(station, 4 * i, "5a5a5a5a");
-    testOk(plcStationSetOption(station, "offlineWrites", "reject", error, sizeof(error)) == 0,
+    testOk(plcStationSetOption(station, "offlineWrites", "reject", error,
+                               sizeof(error)) == 0,
            "offlineWrites=reject is taken");
     for (i = 0; i < COUNT(outputs); i++) {
         put(outputs[i].record, outputs[i].value);
@@ -263,7 +265,7 @@ static void testOutputs(void)
     iocEnd();
 }
 
-/* --- A connection --------------------------------------------------------------------------- */
+/* --- A connection ------------------------------------------------------------------- */
 
 static SOCKET listenLocal(unsigned short *port)
 {
@@ -368,7 +370,8 @@ static void testConnection(void)
     makeRecord("ao", "Out", "OUT=@P/0");
     makeRecord("ao", "Pini", "OUT=@P/2|VAL=7|PINI=YES");
     makeRecord("calc", "Counter", "DTYP=|CALC=VAL+1");
-    makeRecord("longout", "Beat", "OUT=@P/4|SCAN=I/O Intr|OMSL=closed_loop|DOL=Counter PP");
+    makeRecord("longout", "Beat",
+               "OUT=@P/4|SCAN=I/O Intr|OMSL=closed_loop|DOL=Counter PP");
     iocRunOk();
     stat = testMonitorCreate("Stat", DBE_VALUE | DBE_ALARM, 0);
     value = testMonitorCreate("In", DBE_VALUE | DBE_ALARM, 0);

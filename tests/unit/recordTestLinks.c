@@ -1,5 +1,5 @@
-/* Links: what is refused and how it is told, what is only warned of, and links that change
- * at run time, for every record type.
+/* Links: what is refused and how it is told, what is only warned of, and links that
+ * change at run time, for every record type.
  */
 #include <string.h>
 
@@ -12,7 +12,7 @@
 
 #include "recordTest.h"
 
-/* --- Messages ---------------------------------------------------------------------------- */
+/* --- Messages ----------------------------------------------------------------------- */
 
 static const struct {
     const char *title;
@@ -213,7 +213,7 @@ static void testMessages(void)
     iocEnd();
 }
 
-/* --- Links that change at run time -------------------------------------------------------- */
+/* --- Links that change at run time -------------------------------------------------- */
 
 #define BLOCK 64
 
@@ -345,7 +345,7 @@ static void testChanges(void)
     iocEnd();
 }
 
-/* --- More about run time ------------------------------------------------------------------ */
+/* --- More about run time ------------------------------------------------------------ */
 
 static void testScan(void)
 {
@@ -382,7 +382,7 @@ static void testScan(void)
     iocEnd();
 }
 
-/* --- Nonsense ----------------------------------------------------------------------------- */
+/* --- Nonsense ----------------------------------------------------------------------- */
 
 #define NONSENSE 2000
 
@@ -399,9 +399,9 @@ static unsigned dice(unsigned sides)
 static void nonsense(char *text, size_t size)
 {
     static const char *const pieces[] = {
-        "@", "P", "/", "0", "12", "65536", "-", "+", " ", "'", "T=", "L=", "H=", "B=", "R=",
-        "INT16", "STRING", "FLOAT", "TIME", "QWORD", "0x", "99999999999999999999", "=", "\t",
-        "\xff", "%s%n", "/4 T=INT8", "@P/", "1e9", ";",
+        "@", "P", "/", "0", "12", "65536", "-", "+", " ", "'", "T=", "L=", "H=", "B=",
+        "R=", "INT16", "STRING", "FLOAT", "TIME", "QWORD", "0x", "99999999999999999999",
+        "=", "\t", "\xff", "%s%n", "/4 T=INT8", "@P/", "1e9", ";",
     };
     unsigned n = dice(12);
 
@@ -412,7 +412,8 @@ static void nonsense(char *text, size_t size)
 
 static void testNonsense(void)
 {
-    static const char *const types[] = {"ai", "bo", "stringin", "lso", "waveform", "mbbo"};
+    static const char *const types[] = {"ai",  "bo",       "stringin",
+                                        "lso", "waveform", "mbbo"};
     epicsUInt8 block[BLOCK] = {1, 2};
     unsigned i, good = 0, bad = 0;
     plcStation *station;
@@ -437,8 +438,8 @@ static void testNonsense(void)
         else
             good++;
     }
-    testOk(bad > NONSENSE / 2 && good > 0, "%u nonsense links refused, %u others work", bad,
-           good);
+    testOk(bad > NONSENSE / 2 && good > 0, "%u nonsense links refused, %u others work",
+           bad, good);
     put("ai.INP", "@P/0");
     put("ai.PROC", "1");
     isValue("ai", "258", "after them a good link works");
@@ -447,7 +448,8 @@ static void testNonsense(void)
 
 MAIN(recordTestLinks)
 {
-    testPlan((int)(6 * COUNT(refused) + 2 * COUNT(warned) + 1 + 11 * COUNT(changes) + 12));
+    testPlan(
+        (int)(6 * COUNT(refused) + 2 * COUNT(warned) + 1 + 11 * COUNT(changes) + 12));
     testMessages();
     testChanges();
     testScan();

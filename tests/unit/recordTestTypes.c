@@ -1,5 +1,5 @@
-/* Every data type on every record type, in both byte orders: the literal bytes it reads or
- * writes, or the refusal.
+/* Every data type on every record type, in both byte orders: the literal bytes it reads
+ * or writes, or the refusal.
  */
 #include <stdio.h>
 #include <string.h>
@@ -97,8 +97,8 @@ static const char *pvName(const char *record, const char *ftvl, size_t type, int
     return name;
 }
 
-static void makeOne(const char *record, const char *ftvl, size_t type, int big, size_t slot,
-                    const char *fields)
+static void makeOne(const char *record, const char *ftvl, size_t type, int big,
+                    size_t slot, const char *fields)
 {
     char text[200];
 
@@ -217,8 +217,8 @@ static void checkArray(plcStation *station, const char *record, size_t a, size_t
     char title[140], field[80];
 
     if (arrays[a].allowed[type] != 'y') {
-        epicsSnprintf(title, sizeof(title), "%s FTVL=%s refuses %s", record, arrays[a].ftvl,
-                      types[type].type);
+        epicsSnprintf(title, sizeof(title), "%s FTVL=%s refuses %s", record,
+                      arrays[a].ftvl, types[type].type);
         checkRefused(pv, title);
         return;
     }
