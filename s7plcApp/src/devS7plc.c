@@ -187,7 +187,14 @@ static int place(dbCommon *prec, devRecord *dev, const plcLink *link, size_t roo
                        "sync handshake; allowed: %u and up",
                        (unsigned)plcStationHeader(dev->station) - 1,
                        (unsigned)plcStationHeader(dev->station));
-    return out ? placeReadback(dev, link, error) : 0;
+    if (!out)
+        return 0;
+    if (placeReadback(dev, link, error))
+        return -1;
+    if (plcStationHeader(dev->station) && !(dev->has & plcHasR))
+        devWarn(prec, "with sync=on the PLC must show this output: add R=offset, or set the "
+                "PLC's option readback");
+    return 0;
 }
 
 /* A link that is accepted, but looks like a mistake. */

@@ -90,6 +90,8 @@ struct plcStation {
     int valid;                /* the input image is valid */
     int frozen;               /* the alive word stands still */
     plcSync sync;             /* with sync=on */
+    epicsUInt64 syncSince;    /* when its state began */
+    int syncDoubted;          /* "does not agree" has been said in this state */
     epicsUInt64 lastBlock;    /* of any leader; 0: none since data was lost */
     epicsUInt64 lastDeliver;  /* when records got their last block */
     epicsUInt64 lastAlive;    /* when the alive word last changed; 0: not seen yet */

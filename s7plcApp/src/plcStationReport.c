@@ -56,6 +56,16 @@ static void counters(const plcStats *st, FILE *file)
             st->sendLatency, st->sendLatencyMax);
 }
 
+static void syncLine(const plcStats *st, FILE *file)
+{
+    double since = st->syncSince ? (epicsMonotonicGet() - st->syncSince) * 1e-9 : 0;
+
+    fprintf(file, "    sync: %s for %.1f s, PLC in %s; %llu times synced, %llu times lost, "
+            "%llu values read back\n", plcSyncStateName(st->syncState), since,
+            st->remote ? "REMOTE" : "LOCAL", (unsigned long long)st->syncs,
+            (unsigned long long)st->syncsLost, (unsigned long long)st->readbacks);
+}
+
 void plcStationOptionsText(plcStation *s, char *text, size_t size)
 {
     plcOptions options;
@@ -87,6 +97,8 @@ void plcStationReport(plcStation *s, FILE *file, int level)
     fprintf(file, "    options: %s\n", text[0] ? text : "all default");
     fprintf(file, "    I/O Intr records: %u in, %u out\n", plcScanCount(s->inScan),
             plcScanCount(s->outScan));
+    if (plcStationHeader(s))
+        syncLine(&st, file);
     counters(&st, file);
     if (st.lastError[0])
         fprintf(file, "    last error: %s\n", st.lastError);

@@ -30,6 +30,9 @@ static const unsigned backoff[] = {0, 50, 100, 200, 400, 700};
 /* With sync=on the PLC expects blocks, also where heartbeat= is not set; ms. */
 #define SYNC_HEARTBEAT_MS 500
 
+/* So long a PLC may refuse before we say what may be wrong, ms. */
+#define SYNC_DOUBT_MS 5000
+
 /* Log lines per minute and station; the rest is counted. */
 #define LOG_LINES 20
 
@@ -273,6 +276,8 @@ static void syncShow(plcStation *s, epicsUInt64 now)
     epicsMutexUnlock(s->lock);
     if (before == (int)s->sync.state)
         return;
+    s->syncSince = now;
+    s->syncDoubted = 0;
     plcStationGate(s);
     epicsSnprintf(text, sizeof(text), "sync: %s -> %s%s", plcSyncStateName(before),
                   plcSyncStateName(s->sync.state),
@@ -282,6 +287,17 @@ static void syncShow(plcStation *s, epicsUInt64 now)
                       "nothing is sent", s->sync.theirs, s->sync.layout);
     logLine(s, s->sync.state == plcSyncLayoutMismatch ? errlogMajor : errlogInfo, now, text);
     plcScanRequestAll(s->statusScan);
+}
+
+/* A PLC that never agrees compares something that we do not read back. Says so once. */
+static void syncDoubt(plcStation *s, epicsUInt64 now)
+{
+    if (s->sync.state != plcSyncChecking || s->syncDoubted ||
+        now - s->syncSince < msToNs(SYNC_DOUBT_MS))
+        return;
+    s->syncDoubted = 1;
+    logLine(s, errlogMinor, now, "sync: the PLC does not agree. Does it show every setpoint "
+            "that it compares, and has each an output record with R= or readback=?");
 }
 
 /* Another PLC gets our output (leader >= 0), or none. */
@@ -315,6 +331,7 @@ static int outputsFollow(plcStation *s, const void *block, epicsUInt64 now)
     same = s->sync.state == plcSyncChecking && plcReadbackSame(s->readback, block, s->out);
     todo = plcSyncBlock(&s->sync, block, same, s->bigEndian);
     syncShow(s, now); /* closes the image before it takes anything */
+    syncDoubt(s, now);
     if (todo & plcSyncTake) {
         takeReadback(s, block);
         plcImageForget(s->out);

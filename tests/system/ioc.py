@@ -10,22 +10,21 @@ import epics
 from client import ARCH, TOP
 from waiting import LIMIT, until, until_equal
 
-PROGRAM = TOP / "bin" / ARCH / "s7plcIoc"
-DBD = TOP / "dbd/s7plcIoc.dbd"
 _prefixes = itertools.count()
 
 
 class Ioc:
     """P is the prefix of its records: $(P) in the database, left out in get() and put()."""
 
-    def __init__(self, directory, configure, db, after="", wrapper=(), env=None):
-        self._setup(f"t{next(_prefixes)}:", wrapper, env)
+    def __init__(self, directory, configure, db, after="", wrapper=(), env=None,
+                 program="s7plcIoc"):
+        self._setup(f"t{next(_prefixes)}:", wrapper, env, program)
         db_file = directory / f"{self.P[:-1]}.db"
         db_file.write_text(db)
         self.script = directory / f"{self.P[:-1]}.cmd"
         self.script.write_text(
-            f'dbLoadDatabase("{DBD}")\n'
-            "s7plcIoc_registerRecordDeviceDriver(pdbbase)\n"
+            f'dbLoadDatabase("{TOP / "dbd" / program}.dbd")\n'
+            f"{program}_registerRecordDeviceDriver(pdbbase)\n"
             f"{configure}\n"
             f'dbLoadRecords("{db_file}", "P={self.P}")\n'
             f"iocInit\n{after}\n")
@@ -38,8 +37,9 @@ class Ioc:
         ioc.script, ioc.directory = script, script.parent
         return ioc
 
-    def _setup(self, prefix, wrapper, env):
+    def _setup(self, prefix, wrapper, env, program="s7plcIoc"):
         self.P = prefix
+        self.program = TOP / "bin" / ARCH / program
         self.directory = None
         self.pvs = {}
         self.lines = []
@@ -53,7 +53,7 @@ class Ioc:
 
     def start(self, limit=60):
         self.process = subprocess.Popen(
-            self.wrapper + [str(PROGRAM), str(self.script)], stdin=subprocess.PIPE,
+            self.wrapper + [str(self.program), str(self.script)], stdin=subprocess.PIPE,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=self.env,
             cwd=self.directory)
         threading.Thread(target=self._read, daemon=True).start()
