@@ -4,6 +4,7 @@
 #include "pairRole.h"
 
 #define MARGIN_NS 1000000u /* and a sixteenth: how much later than ever a block may come */
+#define REFUTED 3          /* claims that no block still on its way explains any more */
 #define KNOWN 4            /* intervals that tell enough about a PLC */
 
 void pairRoleInit(pairRole *r, epicsUInt64 recvTimeout)
@@ -36,20 +37,23 @@ static epicsUInt64 longest(const pairRole *r, unsigned which)
     return r->plc[which].intervals < KNOWN && other > own ? other : own;
 }
 
-/* How long this PLC may be silent when it misses `blocks` - 1 blocks. */
-static epicsUInt64 patience(const pairRole *r, unsigned which, unsigned blocks)
+/* How long this PLC may be silent: so many intervals and a margin. */
+static epicsUInt64 patience(const pairRole *r, unsigned which, double intervals)
 {
     epicsUInt64 interval = longest(r, which);
 
     if (!interval)
         return r->recvTimeout / 2;
-    return blocks * interval + interval / 16 + MARGIN_NS;
+    return (epicsUInt64)(intervals * interval) + interval / 16 + MARGIN_NS;
 }
 
+/* One interval; more with each claim it refuted, up to two when both are known to send. */
 epicsUInt64 pairRoleDue(const pairRole *r)
 {
-    return r->plc[r->leader].lastBlock +
-           patience(r, r->leader, r->twoPrimaries ? 2 : 1);
+    unsigned refuted = r->plc[!r->leader].refuted;
+    double intervals = refuted < REFUTED ? 1 + (double)refuted / REFUTED : 2;
+
+    return r->plc[r->leader].lastBlock + patience(r, r->leader, intervals);
 }
 
 int pairRoleMissed(const pairRole *r)
@@ -110,11 +114,11 @@ static void block(pairRole *r, unsigned which, epicsUInt64 now)
     if (r->leader == pairNobody) {
         lead(r, which, r->lostBy, r->silentSince, now);
     } else if (r->leader == (pairWho)which) {
-        other->refuted |= other->claims;
+        other->refuted += other->claims;
         other->claims = 0;
     } else {
         m->claims = 1;
-        if (m->refuted && !r->twoPrimaries) {
+        if (m->refuted >= REFUTED && !r->twoPrimaries) {
             r->twoPrimaries = 1;
             r->twoPrimariesCount++;
         }

@@ -9,12 +9,13 @@
  *   2. The PRIMARY's connection is lost: if the other one sends, it leads at once; else
  *      nobody leads.
  *   3. A block of the other PLC while one leads is a claim. It succeeds as soon as the
- *      PRIMARY is overdue: silent for longer than its longest interval of late. That is at
- *      once when the PRIMARY has fallen silent before; else when its next block does not
- *      come in time. A block of the PRIMARY refutes the claim.
- *   4. Who claims again after it was refuted shows that both send: "two PRIMARYs". The
- *      present one stays until it misses two blocks.
- * So neither a block of the old PRIMARY that was still on its way nor two PRIMARYs make
+ *      PRIMARY is overdue: silent for longer than its longest interval of late (and a
+ *      sixteenth and 1 ms more). That is at once when the PRIMARY has fallen silent before;
+ *      else when its next block does not come in time. A block of the PRIMARY refutes the
+ *      claim, and earns it a third of an interval more patience next time.
+ *   4. Who claims again after it was refuted three times shows that both send: "two
+ *      PRIMARYs". The present one stays until it misses two blocks.
+ * So neither blocks of the old PRIMARY that were still on their way nor two PRIMARYs make
  * the roles go to and fro.
  */
 #ifndef INC_pairRole_H
@@ -40,7 +41,7 @@ typedef struct pairMember {
     epicsUInt64 interval[PAIR_INTERVALS]; /* ns from block to block, a ring */
     unsigned intervals;    /* how many were put in */
     int claims;            /* it has sent since the PRIMARY's last block */
-    int refuted;           /* the PRIMARY has sent since it claimed */
+    unsigned refuted;      /* how often the PRIMARY has sent since it claimed */
 } pairMember;
 
 typedef struct pairRole {

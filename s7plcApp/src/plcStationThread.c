@@ -560,7 +560,7 @@ static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
     if (s->leader == (int)i && !s->inSize)
         setState(s, plcStateOk);
     if (isPair(s) && s->leader < 0 && !s->valid)
-        invalidate(s, plcStateNoPrimary, "connected, but neither PLC sends");
+        invalidate(s, plcStateNoPrimary, "no PRIMARY: neither PLC sends");
 }
 
 static void lineOpen(plcStation *s, unsigned i, epicsUInt64 now)

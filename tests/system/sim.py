@@ -12,7 +12,7 @@ _numbers = itertools.count()
 
 
 class Sim:
-    def __init__(self, directory, text, *options):
+    def __init__(self, directory, text, *options, wrapper=()):
         number = next(_numbers)
         file = directory / f"sim{number}.plc"
         file.write_text(text)
@@ -20,7 +20,7 @@ class Sim:
         self.lines = []
         self.port = None
         self.process = subprocess.Popen(
-            [str(PROGRAM), "-n", "-p", "0", "-c", str(self.path), *options, str(file)],
+            [*wrapper, str(PROGRAM), "-n", "-p", "0", "-c", str(self.path), *options, str(file)],
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
         threading.Thread(target=self._read, daemon=True).start()
         until(lambda: self.port and any("console on" in line for line in self.lines),

@@ -1,7 +1,7 @@
 /* A pair under random episodes: switch-overs, pulls, closes, restarts, two PRIMARYs. After
  * each of them leader, counters and values must be what a small model says.
  *
- * Arguments: number of episodes (50), seed of the random numbers (from the clock).
+ * Arguments: number of episodes (30), seed of the random numbers (from the clock).
  * PLCs send every few ms. A machine that lets a PLC of the test sleep makes it silent in
  * earnest; such an episode is told from a wrong one by the PLC's own record of its times.
  */
@@ -266,7 +266,7 @@ static void settle(void)
 
 MAIN(pairStressTest)
 {
-    unsigned n = argc > 1 ? (unsigned)atoi(argv[1]) : 50, i, which, last = 99;
+    unsigned n = argc > 1 ? (unsigned)atoi(argv[1]) : 30, i, which, last = 99;
     epicsUInt64 from = epicsMonotonicGet();
 
     state = argc > 2 ? strtoull(argv[2], NULL, 0) : from;

@@ -19,6 +19,10 @@
 #define MS 1000000ull
 #define START (1000 * MS) /* time 0 of the stories */
 
+/* FIRST leads, then both send */
+#define BOTH \
+    "1@0 1@100 1@200 2@210 1@300 2@310 1@400 2@410 1@500 2@510 "
+
 static const struct {
     const char *sentence;
     const char *story;
@@ -66,29 +70,31 @@ static const struct {
      "1@1300 2@1310 .@1350 F .@1355 S"},
     /* both send */
     {"two PRIMARYs: the present one stays",
-     "1@0 1@100 1@200 2@210 1@300 F 2@310 T F 1@400 2@410 1@500 2@510 T F #0"},
+     "1@0 1@100 1@200 2@210 1@300 F 2@310 1@400 2@410 1@500 t 2@510 T F 1@600 2@610 T F #0"},
     {"two PRIMARYs: a late block of the present one does not matter",
-     "1@0 1@100 1@200 2@210 1@300 2@310 2@410 T F 1@480 T F 2@510 1@600 T F #0"},
+     BOTH "T 2@610 T F 1@680 T F 2@710 1@800 T F #0"},
     {"two PRIMARYs: the other stops, all is well again",
-     "1@0 1@100 1@200 2@210 1@300 2@310 T 1@400 1@500 1@600 T 1@700 t F #0"},
+     BOTH "T 1@600 1@700 1@800 T 1@900 t F #0"},
     {"two PRIMARYs: the present one stops, the other leads after two missed blocks",
-     "1@0 1@100 1@200 2@210 1@300 2@310 T 1@400 2@410 2@510 F 2@610 S t #1"},
+     BOTH "1@600 2@610 2@710 F 2@810 .@810 S t #1"},
     {"two PRIMARYs: the connection of the present one breaks, the other leads at once",
-     "1@0 1@100 1@200 2@210 1@300 2@310 T 1@400 -1@401 S t #1 ?d"},
+     BOTH "1@600 -1@601 S t #1 ?d"},
     {"two PRIMARYs: the connection of the other one breaks, all is well again",
-     "1@0 1@100 1@200 2@210 1@300 2@310 T -2@320 t F 1@400 F #0"},
+     BOTH "T -2@520 t F 1@600 F #0"},
     {"two PRIMARYs in step, the other always a little earlier: the present one stays",
-     "1@0 1@100 1@200 2@199 2@299 1@300 2@399 1@400 2@499 1@500 F T #0"},
+     "1@0 1@100 1@200 2@199 2@299 1@300 2@399 1@400 2@499 1@500 2@599 1@600 F T #0"},
     {"both send from the very start: the first to be heard leads",
-     "2@0 1@1 2@100 1@101 2@200 1@201 2@300 S T #0"},
-    /* a late block of the old PRIMARY */
+     "2@0 1@1 2@100 1@101 2@200 1@201 2@300 1@301 S T #0"},
+    /* late blocks of the old PRIMARY */
     {"a block of the old PRIMARY that was on its way: no flapping, no alarm",
      "1@0 1@100 1@200 2@306 .@308 S 1@315 S 2@406 S 2@506 2@606 S t #1"},
     {"several of them at once: the same",
      "1@0 1@100 1@200 2@306 .@308 S 1@315 1@315 1@316 S 2@406 S 2@506 2@606 S t #1"},
-    {"minutes later it sends again: a new claim, not yet two PRIMARYs",
+    {"a network that holds back what the old PRIMARY sent for one and a half periods",
+     "1@0 1@100 1@200 2@210 1@220 2@310 1@320 F 2@410 t .@450 F .@500 S #1 :173 2@510 2@610 t S"},
+    {"minutes later it sends again: new claims, not yet two PRIMARYs",
      "1@0 1@100 1@200 2@306 .@308 S 1@315 2@406 2@506 2@606 2@706 2@806 1@810 S t 2@906 "
-     "1@910 T S #1"},
+     "1@910 2@1006 1@1010 t 2@1106 1@1110 T S #1"},
     /* flapping */
     {"PLCs that hand over at every block are followed one period apart",
      "1@0 1@100 1@200 2@300 .@308 S 2@400 1@500 .@510 F 1@600 2@700 .@710 S #3"},
