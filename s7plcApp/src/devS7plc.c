@@ -344,7 +344,7 @@ long devIointInfo(int leave, dbCommon *prec, IOSCANPVT *list)
         *list = plcStationStatsScan(dev->station, prec->prio, leave);
         break;
     default:
-        *list = plcStationStatusScan(dev->station, prec->prio, leave);
+        *list = plcStationInScan(dev->station, 0, 0, prec->prio, leave);
         break;
     }
     return 0;

@@ -29,7 +29,7 @@ struct plcStatRow;
 typedef enum {
     devIn,     /* INP in the input block; I/O Intr: with each block */
     devOut,    /* OUT in the output block; I/O Intr: each sendInterval */
-    devStatus, /* no place in a block; I/O Intr: also when the connection comes or goes */
+    devStatus, /* no place in a block; I/O Intr: with each block, and on loss */
     devStatistics /* nor this; the link names a statistic; I/O Intr: once a second too */
 } devDirection;
 

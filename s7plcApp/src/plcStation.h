@@ -111,9 +111,10 @@ void plcStationOnTake(plcStation *station, void (*follow)(plcStation *station));
 /* 1 while TCP to the PLC (the leading one) is up. *reason (may be NULL) says why not. */
 int plcStationConnected(plcStation *station, char reason[PLC_REASON_SIZE]);
 
-/* Lists for get_ioint_info. Input: processed when a block came (option scan) and on loss.
- * Output: every sendInterval while connected, after the send. Status: when the connection
- * comes or goes, and with every block. See plcScanRecord and plcScanJoin. */
+/* Lists for get_ioint_info. Input: processed when a block came (option scan), and once when
+ * data was lost; never before the first block. Length 0: with scan=changed only when data
+ * comes or goes. Output: every sendInterval while connected, after the send. Status: when
+ * the state of the connection changes. See plcScanRecord and plcScanJoin. */
 IOSCANPVT plcStationInRecord(plcStation *station, size_t offset, size_t length,
                              struct dbCommon *prec, int leave);
 IOSCANPVT plcStationInScan(plcStation *station, size_t offset, size_t length, int prio,

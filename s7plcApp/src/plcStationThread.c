@@ -113,21 +113,21 @@ static void setState(plcStation *s, int state)
     epicsMutexUnlock(s->lock);
 }
 
-/* The data of the PLC is not to be used, or there is a better reason why not. */
+/* The data of the PLC is not to be used, or there is a better reason why not. I/O Intr
+ * records process once when data was lost, and never before there was any: sites hang
+ * chains on the first processing, which must see the first block. */
 static void invalidate(plcStation *s, int state, const char *reason)
 {
-    char before[PLC_REASON_SIZE];
+    int lost = s->valid;
 
     setState(s, state);
-    plcImageReason(s->in, before);
     s->holding = 0;
-    if (!s->valid && strncmp(before, reason, sizeof(before) - 1) == 0)
-        return;
     s->valid = 0;
     epicsAtomicSetIntT(&s->taken, 0);
     setLeads(s);
     plcImageInvalidate(s->in, reason);
-    plcScanRequestAll(s->inScan);
+    if (lost)
+        plcScanRequestAll(s->inScan);
     plcScanRequestAll(s->statusScan);
 }
 
@@ -170,7 +170,7 @@ static void deliver(plcStation *s, const void *block, const epicsTimeStamp *stam
     coalesced = changesOnly
                     ? plcScanRequestChanged(s->inScan, before, plcImageBytes(s->in))
                     : plcScanRequestAll(s->inScan);
-    if (s->now.scan == plcScanAll || !changesOnly)
+    if (!changesOnly)
         plcScanRequestAll(s->statusScan);
     if (coalesced) {
         epicsMutexMustLock(s->lock);
@@ -557,8 +557,11 @@ static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
     tellPolicy(s, plcEventConnected, i, now);
     if (s->leader == (int)i && s->inSize && !s->valid && !line->wrongSize)
         invalidate(s, plcStateWaiting, "connected, waiting for first block");
-    if (s->leader == (int)i && !s->inSize)
+    if (s->leader == (int)i && !s->inSize) {
         setState(s, plcStateOk);
+        s->valid = 1; /* there is no data to wait for */
+        plcScanRequestAll(s->inScan);
+    }
     if (isPair(s) && s->leader < 0 && !s->valid)
         invalidate(s, plcStateNoPrimary, "no PRIMARY: neither PLC sends");
 }
@@ -1027,7 +1030,8 @@ void plcStationThread(void *arg)
         if (!ran && epicsAtomicGetIntT(&s->running)) {
             /* Blocks that came before scans were on have reached no record. */
             ran = 1;
-            plcScanRequestAll(s->inScan);
+            if (s->valid)
+                plcScanRequestAll(s->inScan);
             plcScanRequestAll(s->statusScan);
         }
         if (s->policyWake && s->looked >= s->policyWake)
