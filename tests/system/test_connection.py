@@ -52,10 +52,39 @@ def test_no_block_yet(pair):
     ioc.process_record("in")
     assert ioc.alarm("in") == ("INVALID", "COMM", "connected, waiting for first block")
     assert ioc.get("in.UDF") == 1
+    ioc.process_record("stat")
     assert ioc.text("stat") == "on"
     peer.send(block(7))
     ioc.wait_alarm("in", "NO_ALARM")
     assert ioc.get("in.UDF") == 0
+
+
+COUNTED = DB + """
+record(longin, "$(P)first") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT32") field(SCAN, "I/O Intr") field(FLNK, "$(P)count") }
+record(calc, "$(P)count") { field(INPA, "$(P)count") field(CALC, "A+1") }
+"""
+
+
+def test_processed_on_blocks_and_loss(new_peer, new_ioc):
+    """I/O Intr records process on each block and once on a loss, never before the first block"""
+    peer = new_peer(8, 4)
+    peer.power_off()
+    ioc = new_ioc(peer.configure(recv_timeout=30000), COUNTED)
+    ioc.wait_log("cannot connect")
+    peer.power_on()
+    peer.wait_connected(1)
+    ioc.process_record("stat")
+    ioc.wait_value("stat", 1)
+    assert ioc.get("count") == 0
+    for number in range(1, 4):
+        peer.send(block(number))
+        ioc.wait_value("count", number)
+    assert ioc.get("first") == 3
+    peer.hang_up()
+    ioc.wait_value("count", 4)
+    peer.wait_connected(2)
+    peer.send(block(8))
+    ioc.wait_value("count", 5)
 
 
 def test_after_reconnect(pair):
@@ -65,8 +94,10 @@ def test_after_reconnect(pair):
     ioc.wait_value("in", 7)
     peer.hang_up()
     peer.wait_connected(2)
-    ioc.wait_alarm("in", "INVALID", "COMM", "waiting for first block")
-    ioc.wait_alarm("wf", "INVALID", "COMM", "waiting for first block")
+    for record in "in", "wf":
+        ioc.wait_alarm(record, "INVALID", "COMM", "closed by PLC")
+        ioc.process_record(record)
+        ioc.wait_alarm(record, "INVALID", "COMM", "waiting for first block")
     peer.send(block(8))
     ioc.wait_value("in", 8)
     ioc.wait_alarm("wf", "NO_ALARM")
@@ -79,6 +110,9 @@ def test_loss(pair, record):
     peer.send(block(7))
     ioc.wait_value("in", 7)
     peer.power_off()
+    ioc.wait_alarm(record, "INVALID", "COMM", "by PLC")
+    ioc.wait_log("cannot connect")
+    ioc.process_record(record)
     ioc.wait_alarm(record, "INVALID", "COMM", "refused")
     ioc.wait_value("stat", 0)
     assert ioc.severity("stat") == "NO_ALARM"
