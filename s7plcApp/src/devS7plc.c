@@ -444,12 +444,12 @@ long devStore(dbCommon *prec, const void *bytes, const void *mask)
     devStampNow(prec);
     reason[0] = 0;
     dev->away = 0;
-    dev->refused =
-        plcStationWrite(dev->station, dev->offset, dev->length, bytes, mask, reason) != 0;
+    dev->refused = (dev->shown ? plcStationWriteFollower : plcStationWrite)(
+                       dev->station, dev->offset, dev->length, bytes, mask, reason) != 0;
     if (dev->refused)
         return devRefuseWrite(prec, "%s", reason);
     if (dev->shown)
-        devShow(dev);
+        devWrote(dev, bytes, mask);
     if (dev->shown && !reason[0] && !plcStationTaken(dev->station))
         epicsSnprintf(reason, sizeof(reason), "waiting for the PLC's value");
     return reason[0] ? devAway(prec, dev, reason) : 0;

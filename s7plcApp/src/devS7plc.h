@@ -112,6 +112,9 @@ void devFollowAll(plcStation *station);
 /* VAL shows what the output image holds now. */
 void devShow(devRecord *dev);
 
+/* The same after a put: VAL shows these bytes, whatever the image holds by now. */
+void devWrote(devRecord *dev, const epicsUInt8 *bytes, const epicsUInt8 *mask);
+
 /* Functions of the dset, the same for all record types. */
 long devInit(int after);
 long devInitRecord(dbCommon *prec);

@@ -129,6 +129,16 @@ void devShow(devRecord *dev)
     dev->known = 1;
 }
 
+void devWrote(devRecord *dev, const epicsUInt8 *bytes, const epicsUInt8 *mask)
+{
+    size_t i;
+
+    for (i = 0; i < dev->length; i++)
+        dev->shown[i] = (epicsUInt8)(mask ? (dev->shown[i] & ~mask[i]) | (bytes[i] & mask[i])
+                                          : bytes[i]);
+    dev->known = 1;
+}
+
 /* Sets the record's value to what the output image holds. */
 static void takeValue(dbCommon *prec, devRecord *dev)
 {

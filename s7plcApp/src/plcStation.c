@@ -315,8 +315,8 @@ void plcStationGate(plcStation *s)
     epicsMutexUnlock(s->lock);
 }
 
-int plcStationWrite(plcStation *s, size_t offset, size_t length, const void *data,
-                    const void *mask, char reason[PLC_REASON_SIZE])
+static int writeOutput(plcStation *s, size_t offset, size_t length, const void *data,
+                       const void *mask, char reason[PLC_REASON_SIZE], int follows)
 {
     int status = plcImageWrite(s->out, offset, length, data, mask);
 
@@ -328,7 +328,8 @@ int plcStationWrite(plcStation *s, size_t offset, size_t length, const void *dat
         epicsMutexUnlock(s->lock);
         return -1;
     }
-    epicsAtomicSetIntT(&s->written, 1);
+    if (!follows)
+        epicsAtomicSetIntT(&s->written, 1);
     if (status > 0)
         plcStationWake(s);
     if (!epicsAtomicGetIntT(&s->leads))
@@ -384,6 +385,18 @@ void plcStationOnTake(plcStation *s, void (*follow)(plcStation *station))
     callbackSetUser(s, &s->followCallback);
     s->follow = follow;
     epicsMutexUnlock(s->lock);
+}
+
+int plcStationWrite(plcStation *s, size_t offset, size_t length, const void *data,
+                    const void *mask, char reason[PLC_REASON_SIZE])
+{
+    return writeOutput(s, offset, length, data, mask, reason, 0);
+}
+
+int plcStationWriteFollower(plcStation *s, size_t offset, size_t length, const void *data,
+                            const void *mask, char reason[PLC_REASON_SIZE])
+{
+    return writeOutput(s, offset, length, data, mask, reason, 1);
 }
 
 int plcStationConnected(plcStation *s, char reason[PLC_REASON_SIZE])

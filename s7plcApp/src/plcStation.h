@@ -87,6 +87,12 @@ plcImage *plcStationOutput(plcStation *station); /* never NULL */
 int plcStationWrite(plcStation *station, size_t offset, size_t length, const void *data,
                     const void *mask, char reason[PLC_REASON_SIZE]);
 
+/* The same for a place with a read-back: on each connection the PLC's value comes first, so
+ * that nothing of what was written before leaves with it. */
+int plcStationWriteFollower(plcStation *station, size_t offset, size_t length,
+                            const void *data, const void *mask,
+                            char reason[PLC_REASON_SIZE]);
+
 /* --- Read-back: the PLC shows what it holds of our outputs ------------------------------- */
 
 /* Bytes at the start of both blocks that are no data: the header of sync=on, or 0. */

@@ -62,7 +62,7 @@ struct plcStation {
     int stop;     /* atomic */
     int running;  /* atomic: PINI is over, scans are on */
     int sendNow;  /* atomic: s7plcSend */
-    int written;  /* atomic: some output was written since start */
+    int written;  /* atomic: an output without read-back was written since start */
     epicsEventId ended;
     int started;
 

@@ -241,8 +241,15 @@ static void aliveStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
 /* The outputs take what the PLC shows. */
 static void takeReadback(plcStation *s, const void *block)
 {
-    unsigned places = plcReadbackTake(s->readback, block, s->out);
     int first = !epicsAtomicGetIntT(&s->taken);
+    unsigned places;
+
+    /* What was put there before is void: no block leaves because of it. */
+    if (first && !epicsAtomicGetIntT(&s->written)) {
+        plcImageForget(s->out);
+        s->dirtySince = 0;
+    }
+    places = plcReadbackTake(s->readback, block, s->out);
 
     epicsAtomicSetIntT(&s->taken, 1);
     if (places || first)

@@ -1,0 +1,266 @@
+/* Outputs with a read-back: every record type takes the PLC's value at the first block of
+ * each connection, without a byte that leaves because of it, and follows with track=on. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <dbAccess.h>
+#include <epicsStdio.h>
+#include <epicsUnitTest.h>
+#include <testMain.h>
+
+#include "recordTest.h"
+#include "testTools.h"
+
+#define IN 80
+#define OUT 64
+#define MIRROR 16 /* the output block is shown in the input block from here on */
+
+/* Each record has its place in the output block; `held` is what the PLC has there. */
+static const struct {
+    const char *type, *name, *fields; /* with the value of yesterday */
+    size_t offset;
+    const char *held;  /* hex */
+    const char *value; /* of VAL then */
+    const char *later; /* hex: changed by the PLC */
+    const char *laterValue;
+} rows[] = {
+    {"ao", "ao", "OUT=@P/0|VAL=9", 0, "00fa", "250", "ff06", "-250"},
+    {"ao", "linear", "OUT=@P/2 L=0 H=1000|LINR=LINEAR|EGUF=10|VAL=9", 2, "00fa", "2.5", "03e8",
+     "10"},
+    {"ao", "slope", "OUT=@P/4 T=WORD|LINR=SLOPE|ESLO=0.5|EOFF=1|VAL=9", 4, "0008", "5", "000a",
+     "6"},
+    {"ao", "scaled", "OUT=@P/6|ASLO=2|AOFF=1|VAL=9", 6, "0003", "7", "0004", "9"},
+    {"ao", "real", "OUT=@P/8 T=FLOAT|ASLO=2|AOFF=1|VAL=77", 8, "40200000", "6", "40a00000",
+     "11"},
+    {"ao", "large", "OUT=@P/12 T=UINT32|VAL=9", 12, "fffffffe", "4294967294", "80000000",
+     "2147483648"},
+    {"ao", "slow", "OUT=@P/16|OROC=1|DRVH=100|DRVL=-100|VAL=9", 16, "01f4", "500", "0005",
+     "5"},
+    {"longout", "long", "OUT=@P/18|VAL=-5", 18, "04d2", "1234", "0000", "0"},
+    {"longout", "equal", "OUT=@P/20|VAL=7", 20, "0007", "7", "0008", "8"},
+    {"int64out", "int64", "OUT=@P/22 T=INT64|VAL=6", 22, "0000010000000000", "1099511627776",
+     "ffffffffffffffff", "-1"},
+    {"bo", "bit", "OUT=@P/30 T=BYTE B=2|VAL=0", 30, "56", "1", "52", "0"},
+    {"mbbo", "states", "OUT=@P/30 T=BYTE|NOBT=3|SHFT=4|ZRVL=1|ONVL=5|VAL=0", 30, "56", "1",
+     "52", "1"},
+    {"mbboDirect", "direct", "OUT=@P/30 T=BYTE|NOBT=2|VAL=1", 30, "56", "2", "52", "2"},
+    {"mbbo", "raw", "OUT=@P/31 T=BYTE|NOBT=4|VAL=1", 31, "0c", "12", "03", "3"},
+    {"stringout", "text", "OUT=@P/32 L=6|VAL=old", 32, "706c63000000", "plc", "6e6577657221",
+     "newer!"},
+    {"lso", "longText", "OUT=@P/38 L=4|SIZV=20", 38, "61620000", "ab", "00000000", ""},
+    {"aao", "array", "OUT=@P/42|FTVL=SHORT|NELM=2", 42, "00030004", "3,4", "ffff0001", "-1,1"},
+    {"aao", "time", "OUT=@P/46 T=TIME|FTVL=UCHAR|NELM=3", 46, "125959", "12,59,59", "130000",
+     "13,0,0"},
+    {"calcout", "calc", "OUT=@P/52 T=FLOAT|CALC=A|A=4", 52, "41000000", NULL, "41100000", NULL},
+};
+
+static void fill(unsigned char block[IN], int later)
+{
+    size_t i;
+
+    memset(block, 0, IN);
+    for (i = 0; i < COUNT(rows); i++)
+        unhex(later ? rows[i].later : rows[i].held, block + MIRROR + rows[i].offset);
+}
+
+/* Sends a block that differs in byte 0, and waits until it has come. */
+static void sendNext(plcStation *s, int fd, unsigned char *block)
+{
+    unsigned char byte = 0;
+
+    block[0]++;
+    toolSend(fd, block, IN);
+    WAIT_FOR(plcImageRead(plcStationInput(s), 0, 1, &byte, NULL) == 0 && byte == block[0]);
+}
+
+static int isNow(const char *pv, const char *value)
+{
+    const char *text = get(pv);
+
+    return strcmp(text, value) == 0 ||
+           (strchr("0123456789-", value[0]) && value[0] && !strchr(value, ',') &&
+            atof(text) == atof(value));
+}
+
+static void follow(int later)
+{
+    char pv[60];
+    size_t i;
+
+    for (i = 0; i < COUNT(rows); i++) {
+        const char *value = later ? rows[i].laterValue : rows[i].value;
+
+        if (!value)
+            continue;
+        WAIT_FOR(isNow(rows[i].name, value));
+        epicsSnprintf(pv, sizeof(pv), "%s.SEVR", rows[i].name);
+        WAIT_FOR(strcmp(get(pv), "NO_ALARM") == 0);
+        testOk(isNow(rows[i].name, value) && strcmp(get(pv), "NO_ALARM") == 0,
+               "%s %s takes %s", rows[i].type, rows[i].name, value);
+    }
+}
+
+/* True when nothing leaves although the station looked around, twice. */
+static int silent(plcStation *s, int fd, unsigned char *block)
+{
+    char bytes[OUT];
+
+    sendNext(s, fd, block);
+    sendNext(s, fd, block);
+    return toolPeek(fd, bytes, OUT) == 0;
+}
+
+static plcStation *begin(const char *pini, const char *option, int *listener)
+{
+    char address[40], error[200], fields[200];
+    int port = 0;
+    plcStation *s;
+    size_t i;
+
+    *listener = toolListen(&port);
+    sprintf(address, "127.0.0.1:%d", port);
+    iocBegin();
+    s = makeStation("P", 1, IN, OUT);
+    sprintf(error, "%d", MIRROR);
+    if (plcStationSetOption(s, "readback", error, error, sizeof(error)) ||
+        plcStationSetOption(s, "sendInterval", "5", error, sizeof(error)) ||
+        (option && plcStationSetOption(s, option, "on", error, sizeof(error))))
+        testAbort("%s", error);
+    for (i = 0; i < COUNT(rows); i++) {
+        epicsSnprintf(fields, sizeof(fields), "%s|PINI=%s", rows[i].fields, pini);
+        makeRecord(rows[i].type, rows[i].name, fields);
+    }
+    plcStationMove(s, address, error, sizeof(error));
+    iocRunOk();
+    return s;
+}
+
+static void testFollow(const char *pini)
+{
+    unsigned char block[IN], received[OUT];
+    int listener, fd;
+    plcStation *s;
+
+    testDiag("PINI=%s", pini);
+    s = begin(pini, NULL, &listener);
+    fd = toolAccept(listener);
+    WAIT_FOR(plcStationConnected(s, NULL));
+    put("long", "77");
+    isValue("long.AMSG", "waiting for the PLC's value", "a put before the first block");
+    isValue("long.STAT", "COMM", "is COMM");
+    fill(block, 0);
+    sendNext(s, fd, block);
+    follow(0);
+    testOk(silent(s, fd, block), "and nothing leaves because of it");
+    put("long", "-2");
+    memcpy(block + MIRROR + 18, "\xff\xfe", 2);
+    testOk(toolReceive(fd, received, OUT) == OUT &&
+               memcmp(received, block + MIRROR, OUT) == 0,
+           "a put leaves: all else is what the PLC holds");
+
+    toolClose(fd);
+    fd = toolAccept(listener);
+    WAIT_FOR(plcStationConnected(s, NULL));
+    fill(block, 1);
+    sendNext(s, fd, block);
+    follow(1);
+    testOk(silent(s, fd, block), "a new connection: the same, and nothing leaves");
+    toolClose(fd);
+    toolClose(listener);
+    iocEnd();
+}
+
+static void testTrack(void)
+{
+    unsigned char block[IN], received[OUT];
+    int listener, fd, i;
+    plcStation *s = begin("YES", "track", &listener);
+
+    testDiag("track=on");
+    fd = toolAccept(listener);
+    fill(block, 0);
+    sendNext(s, fd, block);
+    WAIT_FOR(isNow("long", "1234"));
+    fill(block, 1);
+    sendNext(s, fd, block);
+    follow(1);
+    testOk(silent(s, fd, block), "nothing leaves because of it");
+    put("long", "5");
+    sendNext(s, fd, block); /* the PLC has not got it yet */
+    testOk(toolReceive(fd, received, OUT) == OUT && isNow("long", "5"),
+           "a put that is on its way is not undone");
+    memcpy(block + MIRROR + 18, "\0\5", 2);
+    sendNext(s, fd, block);
+    memcpy(block + MIRROR + 18, "\0\6", 2);
+    sendNext(s, fd, block);
+    WAIT_FOR(isNow("long", "6"));
+    testOk(isNow("long", "6"), "once it is there, the PLC may change it again");
+    put("long", "9");
+    toolReceive(fd, received, OUT);
+    WAIT_FOR((sendNext(s, fd, block), isNow("long", "6")));
+    testOk(isNow("long", "6"), "a put that the PLC does not take goes back");
+    testOk(silent(s, fd, block), "without a block");
+    /* The PLC and a client change it at the same time; both see the last word in the end. */
+    for (i = 0; i < 50; i++) {
+        char text[20];
+
+        sprintf(text, "%d", 100 + i);
+        put("long", text);
+        if (toolPeek(fd, received, OUT) == OUT)
+            memcpy(block + MIRROR, received, OUT);
+        if (i % 3 == 0)
+            block[MIRROR + 19] = (unsigned char)i;
+        sendNext(s, fd, block);
+    }
+    WAIT_FOR((toolPeek(fd, received, OUT) == OUT ? memcpy(block + MIRROR, received, OUT) : 0,
+              sendNext(s, fd, block), atoi(get("long")) == block[MIRROR + 19]));
+    testOk(atoi(get("long")) == block[MIRROR + 19], "both at once: equal in the end (%s)",
+           get("long"));
+    toolClose(fd);
+    toolClose(listener);
+    iocEnd();
+}
+
+/* A record without read-back beside one with it: its value leaves after the first block. */
+static void testMixed(void)
+{
+    unsigned char block[8] = {1, 0, 0, 0, 0, 42}, received[4];
+    int port = 0, listener = toolListen(&port), fd;
+    char address[40], error[200];
+    plcStation *s;
+
+    testDiag("records with and without R=");
+    sprintf(address, "127.0.0.1:%d", port);
+    iocBegin();
+    s = makeStation("P", 1, 8, 4);
+    makeRecord("longout", "plain", "OUT=@P/0|VAL=11|PINI=YES");
+    makeRecord("longout", "back", "OUT=@P/2 R=4|VAL=22|PINI=YES");
+    makeRecord("longout", "bad", "OUT=@P/2 R=7|VAL=22|PINI=YES");
+    iocRunOk();
+    testOk(strstr(messages(), "\"bad\" OUT: 7 + 2 bytes exceed the input block") != NULL,
+           "R= outside of the input block is refused");
+    plcStationMove(s, address, error, sizeof(error));
+    fd = toolAccept(listener);
+    WAIT_FOR(plcStationConnected(s, NULL));
+    testOk(toolPeek(fd, received, 4) == 0, "nothing leaves before the first block");
+    toolSend(fd, block, 8);
+    testOk(toolReceive(fd, received, 4) == 4 && memcmp(received, "\0\13\0\52", 4) == 0,
+           "then one block: our value beside the PLC's");
+    WAIT_FOR(isNow("back", "42"));
+    isValue("back", "42", "the one follows");
+    isValue("plain", "11", "the other keeps its value");
+    toolClose(fd);
+    toolClose(listener);
+    iocEnd();
+}
+
+MAIN(recordTestFollow)
+{
+    testPlan(2 * (2 + 18 + 1 + 1 + 18 + 1) + 18 + 6 + 5);
+    testFollow("NO");
+    testFollow("YES");
+    testTrack();
+    testMixed();
+    return testDone();
+}
