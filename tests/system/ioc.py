@@ -17,16 +17,20 @@ class Ioc:
     """P is the prefix of its records: $(P) in the database, left out in get() and put()."""
 
     def __init__(self, directory, configure, db, after="", wrapper=(), env=None,
-                 program="s7plcIoc"):
+                 program="s7plcIoc", templates=()):
+        """templates: (file in db/, macros in which $(P) is the prefix) ..."""
         self._setup(f"t{next(_prefixes)}:", wrapper, env, program)
         db_file = directory / f"{self.P[:-1]}.db"
         db_file.write_text(db)
         self.script = directory / f"{self.P[:-1]}.cmd"
+        loads = [f'dbLoadRecords("{TOP}/db/{name}", "{macros}")\n'.replace("$(P)", self.P)
+                 for name, macros in templates]
         self.script.write_text(
             f'dbLoadDatabase("{TOP / "dbd" / program}.dbd")\n'
             f"{program}_registerRecordDeviceDriver(pdbbase)\n"
             f"{configure}\n"
             f'dbLoadRecords("{db_file}", "P={self.P}")\n'
+            f"{''.join(loads)}"
             f"iocInit\n{after}\n")
 
     @classmethod
