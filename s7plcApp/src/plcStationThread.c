@@ -33,6 +33,9 @@ static const unsigned backoff[] = {0, 50, 100, 200, 400, 700};
 /* So long a PLC may refuse before we say what may be wrong, ms. */
 #define SYNC_DOUBT_MS 5000
 
+/* Records that have not processed so long after a loss have something else to do, ms. */
+#define LOSS_SEEN_MS 500
+
 /* Log lines per minute and station; the rest is counted. */
 #define LOG_LINES 20
 
@@ -591,6 +594,19 @@ static void lineOpen(plcStation *s, unsigned i, epicsUInt64 now)
         lineFailed(s, i, now, line->connection.error);
 }
 
+/* True when records have processed because of the loss, so that they saw it and its reason
+ * before the next connection takes its place. */
+static int lossSeen(plcStation *s, const plcLine *line, epicsUInt64 now, epicsUInt64 *wake)
+{
+    if (!line->lostAt || now - line->lostAt >= msToNs(LOSS_SEEN_MS))
+        return 1;
+    epicsAtomicSetIntT(&s->waiting, 1);
+    if (!plcScanBusy(s->inScan))
+        return 1;
+    earlier(wake, line->lostAt + msToNs(LOSS_SEEN_MS));
+    return 0;
+}
+
 /* Timers of one connection. */
 static void lineStep(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64 *wake)
 {
@@ -622,7 +638,7 @@ static void lineStep(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64 *wa
         }
     }
     if (c->state == plcConnectionDown) {
-        if (now >= line->retryAt)
+        if (now >= line->retryAt && lossSeen(s, line, now, wake))
             lineOpen(s, i, now);
         if (c->state == plcConnectionDown && line->retryAt > now)
             earlier(wake, line->retryAt);

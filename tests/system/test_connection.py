@@ -81,8 +81,9 @@ def test_processed_on_blocks_and_loss(new_peer, new_ioc):
         ioc.wait_value("count", number)
     assert ioc.get("first") == 3
     peer.hang_up()
-    ioc.wait_value("count", 4)
     peer.wait_connected(2)
+    assert ioc.get("count") == 4
+    assert ioc.alarm("first")[2] == "connection closed by PLC"
     peer.send(block(8))
     ioc.wait_value("count", 5)
 
