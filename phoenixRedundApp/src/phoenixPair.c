@@ -89,9 +89,10 @@ void phoenixPairDestroy(phoenixPair *p)
     ellDelete(&pairs, &p->node);
     epicsMutexUnlock(listLock);
     pairWatchDestroy(p->watch);
+    plcScanDestroy(p->scan);
     epicsMutexDestroy(p->lock);
     free(p->name);
-    free(p); /* its scan list stays: EPICS has no way to free it */
+    free(p);
 }
 
 phoenixPair *phoenixPairFind(const char *name)
@@ -324,6 +325,9 @@ static void address(void *pvt, unsigned which, struct in_addr host)
 {
     phoenixPair *p = pvt;
 
+    epicsMutexMustLock(p->lock);
+    p->status.host[which] = host;
+    epicsMutexUnlock(p->lock);
     pairWatchHost(p->watch, which, host);
 }
 
@@ -346,7 +350,7 @@ static void report(void *pvt, FILE *file, int level)
 {
     phoenixPair *p = pvt;
     phoenixStatus s;
-    char when[40] = "";
+    char when[40] = "", host[INET_ADDRSTRLEN];
     int i;
 
     phoenixPairStatus(p, &s);
@@ -357,7 +361,8 @@ static void report(void *pvt, FILE *file, int level)
     if (level < 1)
         return;
     for (i = 0; i < PLC_LINKS_MAX; i++)
-        fprintf(file, "    %s: %s, %s ICMP echo\n", phoenixName[i],
+        fprintf(file, "    %s at %s: %s, %s ICMP echo\n", phoenixName[i],
+                s.host[i].s_addr ? inet_ntop(AF_INET, &s.host[i], host, sizeof(host)) : "?",
                 s.connected[i] ? "connected" : "not connected",
                 s.reachable[i] == phoenixAnswers    ? "answers"
                 : s.reachable[i] == phoenixNoAnswer ? "does not answer"

@@ -29,6 +29,7 @@ typedef struct phoenixStatus {
     pairWho primary;
     int connected[PLC_LINKS_MAX]; /* TCP is up */
     phoenixReach reachable[PLC_LINKS_MAX]; /* by ICMP echo */
+    struct in_addr host[PLC_LINKS_MAX];    /* s_addr 0: not known yet */
     int twoPrimaries;
     epicsUInt32 switchovers;
     epicsUInt32 twoPrimariesCount;
