@@ -17,9 +17,10 @@ ifneq ($(filter demo demo-% test bench,$(MAKECMDGOALS)),)
   configure/RELEASE.local: ; @configure/setup.sh base
 
   # Each of these brings everything it needs; they are not part of the EPICS build.
-  .PHONY: demo demo-redundant test bench
+  .PHONY: demo demo-redundant demo-sync test bench
   demo: ; @+$(MAKE) -s all && exec iocBoot/iocS7plc/demo
   demo-redundant: ; @+$(MAKE) -s all && exec iocBoot/iocPhoenix/demo
+  demo-sync: ; @+$(MAKE) -s all && exec iocBoot/iocSync/demo
   test: ; @+tests/run
   bench: ; @+$(MAKE) -s all && exec tests/bench/run
 else ifeq ($(wildcard configure/RELEASE.local ../RELEASE.local)$(EPICS_BASE),)
