@@ -201,6 +201,34 @@ static void testValues(plcStation *s, int *listener, int *fd)
     testOk(invalid("waveform:wrong"), "is INVALID");
 }
 
+/* A link may change at run time, on each record type: to another statistic, to nonsense,
+ * and back. */
+static void testLinks(void)
+{
+    char name[60], pv[80], link[60];
+    size_t i;
+
+    for (i = 0; i < COUNT(types); i++) {
+        const char *good = types[i].kinds & plcStatArray ? "histogramBins" : "connected";
+        int first, middle;
+
+        recordName(name, sizeof(name), types[i].recordType,
+                   types[i].kinds & plcStatArray ? "periodHistogram" : "state");
+        epicsSnprintf(pv, sizeof(pv), "%s.INP", name);
+        epicsSnprintf(link, sizeof(link), "@P/%s", good);
+        put(pv, link);
+        process(name);
+        first = !invalid(name);
+        put(pv, "@P/nonsense");
+        process(name);
+        middle = invalid(name);
+        put(pv, link);
+        process(name);
+        testOk(first && middle && !invalid(name), "%s: the link changes, to nonsense and back",
+               types[i].recordType);
+    }
+}
+
 /* Every record of the template shows something. */
 static void testTemplate(void)
 {
@@ -366,6 +394,7 @@ static void runGood(void)
     checkAll();
     testValues(s, &listener, &fd);
     testTemplate();
+    testLinks();
     testScan(s, &fd, listener);
     testShow(s);
     toolClose(fd);
@@ -375,7 +404,7 @@ static void runGood(void)
 
 MAIN(recordTestStats)
 {
-    testPlan((int)combinations() + 2 * (int)COUNT(refused) + 56);
+    testPlan((int)combinations() + 2 * (int)COUNT(refused) + 56 + (int)COUNT(types));
     testManual();
     runRefused();
     runGood();
