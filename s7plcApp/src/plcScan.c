@@ -473,40 +473,38 @@ static void touchGroup(plcScan *scan, group *g, const char *before, const char *
         addPending(scan, g, ALL_PRIOS);
 }
 
-/* The number of words in [at, end) that changed, and which they are. */
+/* Adds the words in [at, end) that changed to the n that are there. Returns the new n. */
 static unsigned changedWords(const char *before, const char *after, size_t at, size_t end,
-                             size_t words[CHUNK / WORD])
+                             epicsUInt32 words[], unsigned n)
 {
-    unsigned n = 0;
-
     for (; end - at >= WORD; at += WORD) {
         epicsUInt64 old, new;
 
         memcpy(&old, before + at, WORD);
         memcpy(&new, after + at, WORD);
-        words[n] = at / WORD;
+        words[n] = (epicsUInt32)(at / WORD);
         n += old != new;
     }
     if (at < end && memcmp(before + at, after + at, end - at) != 0)
-        words[n++] = at / WORD;
+        words[n++] = (epicsUInt32)(at / WORD);
     return n;
 }
 
-/* The groups of all words in [at, end) that changed. In three steps, so that the cache
- * fetches what the next one needs for many words at a time. */
-static void touchWords(plcScan *scan, const char *before, const char *after, size_t at,
-                       size_t end)
+/* The groups of these words. In three steps, so that the cache fetches what the next one
+ * needs for many words at a time. */
+static void touchWords(plcScan *scan, const char *before, const char *after,
+                       const epicsUInt32 words[], unsigned n)
 {
-    size_t words[CHUNK / WORD];
-    unsigned n = changedWords(before, after, at, end, words), i;
+    const epicsUInt32 *start = scan->wordStart;
+    unsigned i;
     size_t k;
 
     for (i = 0; i < n; i++)
-        FETCH(&scan->wordGroups[scan->wordStart[words[i]]]);
+        FETCH(&scan->wordGroups[start[words[i]]]);
     for (i = 0; i < n; i++)
-        FETCH(scan->wordGroups[scan->wordStart[words[i]]]);
+        FETCH(scan->wordGroups[start[words[i]]]);
     for (i = 0; i < n; i++) {
-        for (k = scan->wordStart[words[i]]; k < scan->wordStart[words[i] + 1]; k++)
+        for (k = start[words[i]]; k < start[words[i] + 1]; k++)
             touchGroup(scan, scan->wordGroups[k], before, after);
     }
 }
@@ -514,8 +512,10 @@ static void touchWords(plcScan *scan, const char *before, const char *after, siz
 /* Marks the groups whose bytes differ as pending. Returns their number. */
 static size_t touchChanged(plcScan *scan, const char *before, const char *after)
 {
+    epicsUInt32 words[2 * CHUNK / WORD] = {0};
     size_t waiting = scan->numPending;
     int changed = 0;
+    unsigned n = 0;
     size_t at, i;
 
     if (scan->indexOld)
@@ -526,8 +526,13 @@ static size_t touchChanged(plcScan *scan, const char *before, const char *after)
         if (memcmp(before + at, after + at, length) == 0)
             continue;
         changed = 1;
-        touchWords(scan, before, after, at, at + length);
+        n = changedWords(before, after, at, at + length, words, n);
+        if (n > CHUNK / WORD) {
+            touchWords(scan, before, after, words, n);
+            n = 0;
+        }
     }
+    touchWords(scan, before, after, words, n);
     for (i = 0; changed && i < scan->numWide; i++)
         touchGroup(scan, scan->wide[i], before, after);
     return scan->numPending - waiting;
