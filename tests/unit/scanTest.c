@@ -8,6 +8,7 @@
 #include <epicsEvent.h>
 #include <epicsMutex.h>
 #include <epicsStdio.h>
+#include <epicsThread.h>
 #include <epicsTime.h>
 #include <errlog.h>
 #include <longinRecord.h>
@@ -31,7 +32,7 @@ typedef struct probe {
     epicsUInt64 requested;
 } probe;
 
-static probe all, range;
+static probe all, range, own;
 
 static void done(void *pvt, epicsUInt64 requested)
 {
@@ -85,9 +86,11 @@ static void destroy(probe *p)
 typedef struct place {
     probe *p;
     size_t offset, length;
+    int stranger; /* the scan knows not the record but only its PRIO */
 } place;
 
-#define MAX_RECORDS 14
+#define OWN 100 /* records of scan "own" */
+#define MAX_RECORDS (14 + OWN)
 static place places[MAX_RECORDS];
 static int numPlaces;
 
@@ -105,7 +108,8 @@ static long initRecord(dbCommon *common)
     if (sscanf(prec->inp.value.instio.string, "%19s %lu %lu", name, &offset, &length) !=
         3)
         return S_db_badField;
-    at->p = strcmp(name, "all") == 0 ? &all : &range;
+    at->p = strcmp(name, "all") == 0 ? &all : strcmp(name, "own") == 0 ? &own : &range;
+    at->stranger = !strcmp(common->name, "all:low2") || !strcmp(common->name, "r:4b");
     at->offset = offset;
     at->length = length;
     prec->dpvt = at;
@@ -116,14 +120,26 @@ static long getIoIntInfo(int cmd, dbCommon *prec, IOSCANPVT *list)
 {
     place *at = prec->dpvt;
 
-    *list = plcScanJoin(at->p->scan, at->offset, at->length, prec->prio, cmd);
+    if (at->stranger)
+        *list = plcScanJoin(at->p->scan, at->offset, at->length, prec->prio, cmd);
+    else
+        *list = plcScanRecord(at->p->scan, at->offset, at->length, prec, cmd);
     return 0;
 }
+
+/* The records of scan "own" in the order in which they were processed, and by whom. */
+static longinRecord *sequence[OWN];
+static int numSequence;
+static epicsThreadId processedBy;
 
 static long readLongin(longinRecord *prec)
 {
     prec->val++;
     prec->udf = 0;
+    if (((place *)prec->dpvt)->p == &own && numSequence < OWN) {
+        sequence[numSequence++] = prec;
+        processedBy = epicsThreadGetIdSelf();
+    }
     if (prec == gateRecord) {
         epicsEventMustTrigger(gateReached);
         epicsEventMustWait(gateOpen);
@@ -488,6 +504,102 @@ static void testJoin(void)
     testOk(plcScanCount(all.scan) == 5, "all records join again");
 }
 
+/* --- Many records of one group ------------------------------------------------------ */
+
+static longinRecord *ownRecord(int number)
+{
+    char name[20];
+
+    epicsSnprintf(name, sizeof(name), "own:%d", number);
+    return record(name);
+}
+
+/* Two of three have PHAS 0, every third one 1. */
+static int orderIsRight(void)
+{
+    int i, phas, n = 0;
+
+    for (phas = 0; phas < 2; phas++) {
+        for (i = 0; i < OWN; i++) {
+            if (ownRecord(i)->phas == phas && sequence[n++] != ownRecord(i))
+                return 0;
+        }
+    }
+    return numSequence == OWN;
+}
+
+/* True when each was processed that often, but number `other`, which was `times`. */
+static int ownCount(int each, int other, int times)
+{
+    int i, good = 1;
+
+    for (i = 0; i < OWN; i++) {
+        int val = ownRecord(i)->val;
+
+        if (val != (i == other ? times : each)) {
+            testDiag("own:%d was processed %d times", i, val);
+            good = 0;
+        }
+    }
+    return good;
+}
+
+static void startAndHang(const char *name)
+{
+    closeGate(name);
+    plcScanRequestAll(own.scan);
+    epicsEventMustWait(gateReached);
+}
+
+static void testOwn(void)
+{
+    testOk(plcScanCount(own.scan) == OWN, "%d records in one group", OWN);
+    plcScanRequestAll(own.scan);
+    testOk(waitPasses(&own, 1) && ownCount(1, -1, 0), "all are processed once");
+    testOk(orderIsRight(), "by PHAS, then in the order of the database");
+
+    startAndHang("own:10");
+    testdbPutFieldOk("own:4.SCAN", DBR_STRING, "Passive");
+    openGate();
+    testOk(waitPasses(&own, 2) && ownCount(2, -1, 0),
+           "one that leaves behind a pass makes it skip nothing");
+    startAndHang("own:10");
+    testdbPutFieldOk("own:4.PHAS", DBR_STRING, "-1");
+    testdbPutFieldOk("own:4.SCAN", DBR_STRING, "I/O Intr");
+    openGate();
+    testOk(waitPasses(&own, 3) && ownCount(3, 4, 2),
+           "one that joins behind a pass makes it repeat nothing");
+    startAndHang("own:10");
+    testdbPutFieldOk("own:12.SCAN", DBR_STRING, "Passive");
+    testdbPutFieldOk("own:98.SCAN", DBR_STRING, "Passive");
+    openGate();
+    testOk(waitPasses(&own, 4) && ownRecord(12)->val == 3 && ownRecord(98)->val == 3 &&
+               ownRecord(13)->val == 4 && ownRecord(97)->val == 4,
+           "one that leaves before its turn is not processed");
+    testdbPutFieldOk("own:12.SCAN", DBR_STRING, "I/O Intr");
+    testdbPutFieldOk("own:98.SCAN", DBR_STRING, "I/O Intr");
+}
+
+static void testHere(void)
+{
+    epicsThreadId self = epicsThreadGetIdSelf();
+    int passes = passesOf(&own);
+
+    testOk(processedBy != self, "a pass runs in a callback thread");
+    plcScanHere(own.scan);
+    numSequence = 0;
+    plcScanRequestAll(own.scan);
+    testOk(numSequence == OWN && processedBy == self,
+           "a pass \"here\" is over when the request returns");
+    testOk(passesOf(&own) == passes + 1 && !plcScanBusy(own.scan), "done() was called");
+    testdbPutFieldOk("own:1.PRIO", DBR_STRING, "HIGH");
+    numSequence = 0;
+    plcScanRequestAll(own.scan);
+    testOk(waitPasses(&own, passes + 2) && processedBy != self,
+           "records of two priorities go to the callback threads");
+    testdbPutFieldOk("own:1.PRIO", DBR_STRING, "LOW");
+}
+
 static void testEmpty(void)
 {
     plcScan *scan = plcScanCreate(0, NULL, NULL);
@@ -534,6 +646,17 @@ static void testMany(void)
 
 /* --- All together ------------------------------------------------------------------- */
 
+static void loadOwn(void)
+{
+    char macros[40];
+    int i;
+
+    for (i = 0; i < OWN; i++) {
+        epicsSnprintf(macros, sizeof(macros), "N=%d,PHAS=%d", i, i % 3 == 2);
+        testdbReadDatabase("scanTestOwn.db", NULL, macros);
+    }
+}
+
 static void startIoc(void)
 {
     testdbPrepare();
@@ -541,6 +664,7 @@ static void startIoc(void)
     testdbReadDatabase("scanTest.dbd", NULL, NULL);
     scanTest_registerRecordDeviceDriver(pdbbase);
     testdbReadDatabase("scanTest.db", NULL, NULL);
+    loadOwn();
     gateReached = epicsEventMustCreate(epicsEventEmpty);
     gateOpen = epicsEventMustCreate(epicsEventEmpty);
     hangs = epicsEventMustCreate(epicsEventEmpty);
@@ -548,6 +672,7 @@ static void startIoc(void)
     marked = epicsEventMustCreate(epicsEventEmpty);
     create(&all, BLOCK, 0);
     create(&range, BLOCK, 1);
+    create(&own, BLOCK, 0);
 }
 
 static void stopIoc(void)
@@ -558,6 +683,7 @@ static void stopIoc(void)
     testdbCleanup();
     destroy(&all);
     destroy(&range);
+    destroy(&own);
     epicsEventDestroy(gateReached);
     epicsEventDestroy(gateOpen);
     epicsEventDestroy(hangs);
@@ -567,7 +693,7 @@ static void stopIoc(void)
 
 MAIN(scanTest)
 {
-    testPlan(2 + 8 + 8 + 17 + 9 + 9 + 21 + 2 + 4 + 1);
+    testPlan(2 + 8 + 8 + 17 + 9 + 9 + 21 + 13 + 6 + 2 + 4 + 1);
     startIoc();
     testBeforeInit();
     eltc(0); /* no messages of full queues */
@@ -584,6 +710,10 @@ MAIN(scanTest)
     testQueueFull();
     testDiag("Records come and go");
     testJoin();
+    testDiag("Many records of one group");
+    testOwn();
+    testDiag("Passes in the thread that asks for them");
+    testHere();
     testDiag("No bytes, many ranges");
     testEmpty();
     testMany();
