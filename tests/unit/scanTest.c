@@ -147,7 +147,11 @@ static long readLongin(longinRecord *prec)
     return 0;
 }
 
-static const longindset devScanTest = {
+/* longindset, which Base has since 7.0.4 */
+static const struct {
+    dset common;
+    long (*read)(longinRecord *prec);
+} devScanTest = {
     {5, NULL, NULL, initRecord, getIoIntInfo},
     readLongin
 };
