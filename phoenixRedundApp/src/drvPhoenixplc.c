@@ -1,4 +1,5 @@
 /* The command phoenixplcConfigure: the paper's nine arguments, from text to a station. */
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -114,8 +115,20 @@ static long init(void)
     return 0;
 }
 
-/* dbior: the stations of s7plc report their pairs. */
-static drvet phoenixplc = {2, NULL, (DRVSUPFUN)init};
+static void reportPair(plcStation *station, void *level)
+{
+    if (phoenixPairFind(plcStationName(station)))
+        plcStationReport(station, stdout, *(int *)level);
+}
+
+/* dbior: the pairs only; the driver s7plc reports all stations. */
+static long report(int level)
+{
+    plcStationEach(reportPair, &level);
+    return 0;
+}
+
+static drvet phoenixplc = {2, (DRVSUPFUN)report, (DRVSUPFUN)init};
 
 epicsExportAddress(drvet, phoenixplc);
 epicsExportRegistrar(phoenixplcRegister);

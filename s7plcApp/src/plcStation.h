@@ -114,7 +114,8 @@ int plcStationTaken(plcStation *station);
  * took values from it. */
 void plcStationOnTake(plcStation *station, void (*follow)(plcStation *station));
 
-/* 1 while TCP to the PLC (the leading one) is up. *reason (may be NULL) says why not. */
+/* 1 while TCP to the PLC is up; of a pair: to the one that leads, and in a switch-over
+ * while the data is still valid. *reason (may be NULL) says why not. */
 int plcStationConnected(plcStation *station, char reason[PLC_REASON_SIZE]);
 
 /* Lists for get_ioint_info. Input: processed when a block came (option scan), and once when

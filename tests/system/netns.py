@@ -71,9 +71,10 @@ class Plant:
             pytest.skip(f"iptables {' '.join(words)}: {error.stderr.strip()}")
 
     def close(self):
-        for space in self.spaces:
-            subprocess.run(["ip", "netns", "del", space], capture_output=True)
-        subprocess.run(["ip", "link", "del", self.name], capture_output=True)
+        links = [self.name, *(self.cable(i) for i in range(len(self.spaces)))]
+        for words in [["link", "del", link] for link in links] + [
+                ["netns", "del", space] for space in self.spaces]:
+            subprocess.run(["ip", *words], capture_output=True)
 
 
 class DelayProxy:

@@ -1,6 +1,7 @@
 """A redundant pair: records see one PLC, whichever of the two leads."""
 import datetime
 import os
+import random
 import re
 import subprocess
 import threading
@@ -18,6 +19,8 @@ from waiting import LIMIT, until, until_equal
 PROGRAM = TOP / "bin" / ARCH / "phoenixIoc"
 STATUS = TOP / "db/phoenixplcStatus.db"
 PERIOD = 0.1
+NTH = ("1st", "2nd")
+EPISODES = int(os.environ.get("EPISODES", 8))
 PUTS = 8  # setpoints, 4 bytes each
 
 BLOCKS = f"""
@@ -30,7 +33,10 @@ signal 0 UINT32 counter
 mirror 0 32 -> 32
 """
 PAIR = BLOCKS + "role = pair\nswitchover = 500 ms\n"
-HALF = BLOCKS + "switchover = 500 ms\ninterface = eth0\nsignal 4 UINT16 constant "
+HALF = BLOCKS + """switchover = 500 ms
+interface = eth0
+interface_second = eth0
+signal 4 UINT16 constant """
 
 
 def records(plc, prefix=""):
@@ -446,3 +452,53 @@ def test_random_loss(field, record, capsys):
     report(capsys, f"{len(seen.events['A:cnt'])} values, {len(seen.invalid())} of them INVALID")
     assert ioc.text("A:PRIMARY") == "FIRST" and ioc.get("A:SWITCHOVERS") == 0
     assert not seen.invalid()
+
+
+def primary(halves):
+    """The half that says that it is PRIMARY: 0 or 1; None while not exactly one does."""
+    roles = ["role: PRIMARY" in half.command("status") for half in halves]
+    return roles.index(True) if sum(roles) == 1 else None
+
+
+def both(halves):
+    """What the PLCs say."""
+    return "\n".join(line for half in halves
+                     for line in [half.command("status"), *half.lines[-9:]])
+
+
+def test_random_episodes(field, record, capsys):
+    """Random pulls, plugs, switch-overs and restarts: the right PRIMARY, every put, no INVALID."""
+    ioc, halves, plant = field
+    seed = int.from_bytes(os.urandom(4), "big")
+    dice = random.Random(seed)
+    seen = record(ioc, *ALL)
+    story = []
+    for n in range(EPISODES):
+        leads = until(lambda: primary(halves) is not None and [primary(halves)],
+                      "one PRIMARY")[0]
+        act = dice.choice(["pull", "glitch", "backup", "switchover", "restart", "put"])
+        story.append(f"{act} {leads + 1}")
+        victim = 1 - leads if act == "backup" else leads
+        if act in ("pull", "glitch", "backup"):
+            plant.pull(victim)
+            ioc.put(f"A:out{n % PUTS}", 1000 + n)
+            if act == "glitch":
+                time.sleep(dice.random() * 0.4)
+            elif act == "pull":
+                until(lambda: primary(halves) == 1 - victim, lambda: both(halves), 10)
+            else:
+                until_equal(lambda: ioc.text("A:BACKUP"), f"plc-{NTH[victim]} unlinked")
+            plant.plug(victim)
+        elif act == "switchover":
+            halves[leads].command("switchover")
+        elif act == "restart":
+            halves[leads].command("restart")
+        ioc.put(f"A:out{n % PUTS}", n)
+        until(lambda: primary(halves) is not None and
+              ioc.text("A:PRIMARY") == ("FIRST", "SECOND")[primary(halves)] and
+              ioc.text("A:BACKUP") == f"plc-{NTH[1 - primary(halves)]} linked",
+              lambda: f"seed {seed}: {story}: {ioc.text('A:PRIMARY')}, {ioc.text('A:BACKUP')}\n"
+                      + both(halves) + ioc.log)
+        ioc.wait_value(f"A:rb{n % PUTS}", n)
+        assert not seen.invalid(), f"seed {seed}: {story}"
+    report(capsys, f"seed {seed}: {' '.join(story)}; {ioc.get('A:SWITCHOVERS')} switch-overs")
