@@ -3,6 +3,7 @@ import os
 import random
 import signal
 import struct
+import subprocess
 import threading
 import time
 
@@ -458,3 +459,12 @@ def test_no_ping_pong(pair_of):
         return ioc.severity("Speed") == "NO_ALARM"
     until(passes, "a put passes")
     until_equal(lambda: plc()[0], -1)
+
+
+def test_demo():
+    """make demo-sync without a terminal ends by itself and says demo ok"""
+    env = {k: v for k, v in os.environ.items() if not k.startswith("EPICS_C")}
+    run = subprocess.run([str(TOP / "iocBoot/iocSync/demo")], stdin=subprocess.DEVNULL, env=env,
+                         capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert run.stdout.endswith("demo ok\n"), run.stdout
