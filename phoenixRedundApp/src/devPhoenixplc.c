@@ -33,7 +33,7 @@
 
 #define TEXT_SIZE 64
 
-/* --- Keys ------------------------------------------------------------------------------- */
+/* --- Keys --------------------------------------------------------------------------- */
 
 typedef double numberGetter(const phoenixStatus *status);
 typedef void textGetter(const phoenixStatus *status, char text[TEXT_SIZE]);
@@ -153,7 +153,7 @@ static const keyRow *findKey(const char *name)
     return NULL;
 }
 
-/* --- One row per record type ------------------------------------------------------------ */
+/* --- One row per record type -------------------------------------------------------- */
 
 /* A dset; its head is all that Base sees. */
 typedef struct phoenixSupport {
@@ -237,7 +237,7 @@ static void attach(dbCommon *prec)
     recGblResetAlarms(prec);
 }
 
-/* --- Functions that Base calls ----------------------------------------------------------- */
+/* --- Functions that Base calls ------------------------------------------------------ */
 
 static long addRecord(dbCommon *prec)
 {
@@ -336,7 +336,7 @@ static int fetchText(dbCommon *prec, char text[TEXT_SIZE])
     return 0;
 }
 
-/* --- Adapters ---------------------------------------------------------------------------- */
+/* --- Adapters ----------------------------------------------------------------------- */
 
 /* The paper's record has no ZRVL...: VAL is the state itself, nothing is converted. */
 static long readMbbi(dbCommon *common)

@@ -98,7 +98,7 @@ static void phoenixplcRegister(void)
     iocshRegister(&configureDef, configureCall);
 }
 
-/* --- Driver entry ----------------------------------------------------------------------- */
+/* --- Driver entry ------------------------------------------------------------------- */
 
 static void hook(initHookState state)
 {

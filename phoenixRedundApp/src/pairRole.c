@@ -14,7 +14,7 @@ void pairRoleInit(pairRole *r, epicsUInt64 recvTimeout)
     r->leader = r->lastLeader = pairNobody;
 }
 
-/* --- Time ------------------------------------------------------------------------------ */
+/* --- Time --------------------------------------------------------------------------- */
 
 static epicsUInt64 longestOf(const pairMember *m)
 {
@@ -68,7 +68,7 @@ static epicsUInt64 quietAt(const pairRole *r, unsigned which)
     return r->plc[which].lastBlock + patience(r, which, 3);
 }
 
-/* --- What happens ---------------------------------------------------------------------- */
+/* --- What happens ------------------------------------------------------------------- */
 
 static void forgetClaims(pairRole *r)
 {

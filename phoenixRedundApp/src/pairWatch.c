@@ -62,7 +62,7 @@ struct pairWatch {
     epicsUInt16 id, sequence;
 };
 
-/* --- Ways to ask ------------------------------------------------------------------------ */
+/* --- Ways to ask -------------------------------------------------------------------- */
 
 /* The first way of those wanted that this machine allows. */
 static void chooseWay(pairWatch *w)
@@ -180,7 +180,7 @@ static int reapPing(asked *a, int kills)
     return WIFEXITED(status) && WEXITSTATUS(status) == 0;
 }
 
-/* --- Questions -------------------------------------------------------------------------- */
+/* --- Questions ---------------------------------------------------------------------- */
 
 static epicsUInt64 stepTime(epicsUInt64 period)
 {
@@ -322,7 +322,7 @@ static void watchThread(void *arg)
     epicsEventSignal(w->ended);
 }
 
-/* --- From outside ----------------------------------------------------------------------- */
+/* --- From outside ------------------------------------------------------------------- */
 
 static void wake(pairWatch *w)
 {

@@ -46,7 +46,7 @@ struct phoenixPair {
     int asked[PLC_LINKS_MAX];        /* its role changed; the watch was asked about it */
 };
 
-/* --- The list of pairs ------------------------------------------------------------------ */
+/* --- The list of pairs -------------------------------------------------------------- */
 
 static ELLLIST pairs = ELLLIST_INIT;
 static epicsMutexId listLock;
@@ -129,7 +129,7 @@ IOSCANPVT phoenixPairScan(phoenixPair *p, int prio, int leave)
     return plcScanJoin(p->scan, 0, 0, prio, leave);
 }
 
-/* --- Status ----------------------------------------------------------------------------- */
+/* --- Status ------------------------------------------------------------------------- */
 
 /* The paper's six states. The BACKUP is linked when TCP is up and it has not stopped to
  * answer: a connection to a PLC whose cable was pulled looks sound for long. */
@@ -237,7 +237,7 @@ static int copyRole(phoenixPair *p)
     return changed;
 }
 
-/* --- The policy ------------------------------------------------------------------------- */
+/* --- The policy --------------------------------------------------------------------- */
 
 static void logRole(phoenixPair *p, const pairRole *before)
 {

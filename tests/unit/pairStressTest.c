@@ -71,7 +71,7 @@ static void taken(void)
     m.switchovers++;
 }
 
-/* --- Episodes ---------------------------------------------------------------------------- */
+/* --- Episodes ----------------------------------------------------------------------- */
 
 /* The PRIMARY stops, the other one begins. */
 static void handOver(void)
@@ -195,7 +195,7 @@ static struct {
 
 #define EPISODES (sizeof(episodes) / sizeof(episodes[0]))
 
-/* --- After each -------------------------------------------------------------------------- */
+/* --- After each --------------------------------------------------------------------- */
 
 /* True when a PLC that should have sent slept for longer than the driver is patient. */
 static int slept(void)
