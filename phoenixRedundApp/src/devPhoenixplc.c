@@ -179,7 +179,8 @@ static int refuse(const dbCommon *prec, const char *link, const char *why,
 {
     const phoenixSupport *support = (const phoenixSupport *)prec->dset;
 
-    errlogSevPrintf(errlogMajor, "phoenixplc %s \"%s\" INP: %s\n    @%s\n    allowed: %s\n",
+    errlogSevPrintf(errlogMajor,
+                    "phoenixplc %s \"%s\" INP: %s\n    @%s\n    allowed: %s\n",
                     support->recordType, prec->name, why, link, allowed);
     return -1;
 }
@@ -211,7 +212,8 @@ static int resolve(const dbCommon *prec, const char *link, phoenixRecord *own)
     if (!own->station) {
         plcStationNames(names, sizeof(names));
         return refuse(prec, link, "no PLC of this name is configured",
-                      names[0] ? names : "none (phoenixplcConfigure comes before iocInit)");
+                      names[0] ? names
+                               : "none (phoenixplcConfigure comes before iocInit)");
     }
     own->pair = phoenixPairFind(name);
     key += strspn(key, "/ \t");
@@ -294,7 +296,8 @@ static const keyRow *fetch(dbCommon *prec, phoenixStatus *status)
     if (prec->tse == epicsTimeEventDeviceTime)
         epicsTimeGetCurrent(&prec->time);
     if (!own || !own->station) {
-        recGblSetSevrMsg(prec, LINK_ALARM, INVALID_ALARM, "wrong link, see the IOC's log");
+        recGblSetSevrMsg(prec, LINK_ALARM, INVALID_ALARM,
+                         "wrong link, see the IOC's log");
         return NULL;
     }
     if (own->pair) {

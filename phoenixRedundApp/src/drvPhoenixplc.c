@@ -23,13 +23,15 @@ static int refusePair(const char *command, const char *name, const char *address
     const char *error = NULL;
 
     if (!address[0])
-        error = "a pair needs an address: of FIRST (SECOND is IPaddr+1), or \"FIRST,SECOND\"";
+        error =
+            "a pair needs an address: of FIRST (SECOND is IPaddr+1), or \"FIRST,SECOND\"";
     else if (address[length] && strlen(address) == 2 * length + 1 &&
              strncmp(address, address + length + 1, length) == 0)
         error = "FIRST and SECOND have the same address; allowed: two different ones";
     else if (inSize && strtol(inSize, NULL, 0) == 0)
-        error = "inSize=0; allowed with redundancy=1: 1 to 16777216 bytes: who sends blocks "
-                "is PRIMARY";
+        error =
+            "inSize=0; allowed with redundancy=1: 1 to 16777216 bytes: who sends blocks "
+            "is PRIMARY";
     if (error)
         errlogSevPrintf(errlogMajor, "%s %s: %s\n", command, name, error);
     return error != NULL;
@@ -44,8 +46,10 @@ int phoenixplcConfigure(const char *const args[9])
 
     if (args[8] && (epicsParseInt32(args[8], &redundancy, 0, NULL) || redundancy < 0 ||
                     redundancy > 1)) {
-        errlogSevPrintf(errlogMajor, "%s %s: redundancy=%s; allowed: 0 (one PLC) or 1 "
-                        "(FIRST at IPaddr, SECOND at IPaddr+1)\n", command, name, args[8]);
+        errlogSevPrintf(errlogMajor,
+                        "%s %s: redundancy=%s; allowed: 0 (one PLC) or 1 "
+                        "(FIRST at IPaddr, SECOND at IPaddr+1)\n",
+                        command, name, args[8]);
         return -1;
     }
     if (!redundancy)

@@ -3,9 +3,10 @@
 
 #include "pairRole.h"
 
-#define MARGIN_NS 1000000u /* and a sixteenth: how much later than ever a block may come */
-#define REFUTED 3          /* claims that no block still on its way explains any more */
-#define KNOWN 4            /* intervals that tell enough about a PLC */
+/* And a sixteenth: how much later than ever a block may come */
+#define MARGIN_NS 1000000u
+#define REFUTED 3 /* claims that no block still on its way explains any more */
+#define KNOWN 4   /* intervals that tell enough about a PLC */
 
 void pairRoleInit(pairRole *r, epicsUInt64 recvTimeout)
 {
@@ -47,7 +48,7 @@ static epicsUInt64 patience(const pairRole *r, unsigned which, double intervals)
     return (epicsUInt64)(intervals * interval) + interval / 16 + MARGIN_NS;
 }
 
-/* One interval; more with each claim it refuted, up to two when both are known to send. */
+/* One interval; more with each claim it refuted, up to two when both send. */
 epicsUInt64 pairRoleDue(const pairRole *r)
 {
     unsigned refuted = r->plc[!r->leader].refuted;
@@ -133,7 +134,8 @@ static void lost(pairRole *r, unsigned which, epicsUInt64 now)
     if (r->leader == (pairWho)which) {
         r->leader = pairNobody;
         r->silentSince = m->lastBlock;
-        r->lostBy = now - m->lastBlock >= r->recvTimeout ? pairTimedOut : pairDisconnected;
+        r->lostBy =
+            now - m->lastBlock >= r->recvTimeout ? pairTimedOut : pairDisconnected;
         if (otherSends && other->connected)
             lead(r, !which, r->lostBy, r->silentSince, now);
     }

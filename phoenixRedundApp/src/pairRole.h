@@ -10,9 +10,9 @@
  *      nobody leads.
  *   3. A block of the other PLC while one leads is a claim. It succeeds as soon as the
  *      PRIMARY is overdue: silent for longer than its longest interval of late (and a
- *      sixteenth and 1 ms more). That is at once when the PRIMARY has fallen silent before;
- *      else when its next block does not come in time. A block of the PRIMARY refutes the
- *      claim, and earns it a third of an interval more patience next time.
+ *      sixteenth and 1 ms more). That is at once when the PRIMARY has fallen silent
+ *      before; else when its next block does not come in time. A block of the PRIMARY
+ *      refutes the claim, and earns it a third of an interval more patience next time.
  *   4. Who claims again after it was refuted three times shows that both send: "two
  *      PRIMARYs". The present one stays until it misses two blocks.
  * So neither blocks of the old PRIMARY that were still on their way nor two PRIMARYs make
@@ -37,26 +37,26 @@ typedef enum {
 
 typedef struct pairMember {
     int connected;
-    epicsUInt64 lastBlock; /* monotonic ns; 0: none on this connection */
+    epicsUInt64 lastBlock;                /* monotonic ns; 0: none on this connection */
     epicsUInt64 interval[PAIR_INTERVALS]; /* ns from block to block, a ring */
-    unsigned intervals;    /* how many were put in */
-    int claims;            /* it has sent since the PRIMARY's last block */
-    unsigned refuted;      /* how often the PRIMARY has sent since it claimed */
+    unsigned intervals;                   /* how many were put in */
+    int claims;                           /* it has sent since the PRIMARY's last block */
+    unsigned refuted; /* how often the PRIMARY has sent since it claimed */
 } pairMember;
 
 typedef struct pairRole {
     epicsUInt64 recvTimeout; /* ns; the caller keeps it up to date */
     pairMember plc[PLC_LINKS_MAX];
     pairWho leader;
-    pairWho lastLeader;      /* who leads or led last */
+    pairWho lastLeader; /* who leads or led last */
     int twoPrimaries;
     /* what happened since the start */
-    epicsUInt32 switchovers; /* PRIMARY became another PLC; the first one does not count */
+    epicsUInt32 switchovers; /* PRIMARY became another PLC; the first does not count */
     epicsUInt32 twoPrimariesCount;
-    pairReason reason;         /* of the last switch-over */
-    epicsUInt64 duration;      /* ns from the last block of the old PRIMARY until then */
-    epicsUInt64 silentSince;   /* last block of who led last, when nobody leads */
-    pairReason lostBy;         /* how it was lost */
+    pairReason reason;       /* of the last switch-over */
+    epicsUInt64 duration;    /* ns from the last block of the old PRIMARY until then */
+    epicsUInt64 silentSince; /* last block of who led last, when nobody leads */
+    pairReason lostBy;       /* how it was lost */
 } pairRole;
 
 void pairRoleInit(pairRole *role, epicsUInt64 recvTimeout);
@@ -67,8 +67,8 @@ void pairRoleInit(pairRole *role, epicsUInt64 recvTimeout);
 pairWho pairRoleStep(pairRole *role, plcEvent event, unsigned which, epicsUInt64 now,
                      epicsUInt64 *wake);
 
-/* True when the last switch-over was because the old PRIMARY had missed several blocks: not
- * an orderly one. */
+/* True when the last switch-over was because the old PRIMARY had missed several blocks:
+ * not an orderly one. */
 int pairRoleMissed(const pairRole *role);
 
 /* When the PRIMARY is overdue: the time when a claim succeeds. */

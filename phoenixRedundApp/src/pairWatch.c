@@ -26,16 +26,16 @@
 
 #include "pairWatch.h"
 
-#define REQUESTS 4     /* of one question */
-#define LEAST_MS 50.0  /* period */
-#define STEP_MS 100.0  /* between them, at most */
+#define REQUESTS 4    /* of one question */
+#define LEAST_MS 50.0 /* period */
+#define STEP_MS 100.0 /* between them, at most */
 #define NEVER ((epicsUInt64)-1)
 
 extern char **environ;
 
 typedef struct asked {
     struct in_addr wanted; /* whom to ask; s_addr 0: not known yet */
-    int now;             /* ask at once */
+    int now;               /* ask at once */
     /* owned by the thread */
     struct in_addr host; /* its copy of wanted */
     epicsUInt64 next;    /* when to begin the next question */
@@ -50,11 +50,11 @@ struct pairWatch {
     pairWatchNews *news;
     void *pvt;
     unsigned ways;
-    int stop;   /* atomic */
-    int way;    /* atomic: which of pairWatchDatagram ... is in use, 0: none */
+    int stop; /* atomic */
+    int way;  /* atomic: which of pairWatchDatagram ... is in use, 0: none */
     int pipe[2];
     epicsEventId ended;
-    epicsMutexId lock; /* guards period, and wanted and now of the hosts */
+    epicsMutexId lock;  /* guards period, and wanted and now of the hosts */
     epicsUInt64 period; /* ns */
     asked plc[PLC_LINKS_MAX];
     /* owned by the thread */
@@ -69,14 +69,17 @@ static void chooseWay(pairWatch *w)
 {
     static const struct {
         int way, type;
-    } sockets[] = {{pairWatchDatagram, SOCK_DGRAM}, {pairWatchRaw, SOCK_RAW}};
+    } sockets[] = {
+        {pairWatchDatagram, SOCK_DGRAM},
+        {pairWatchRaw,      SOCK_RAW  }
+    };
     unsigned i;
 
     for (i = 0; i < 2; i++) {
         if (!(w->ways & sockets[i].way))
             continue;
-        w->socket = socket(AF_INET, sockets[i].type | SOCK_NONBLOCK | SOCK_CLOEXEC,
-                           IPPROTO_ICMP);
+        w->socket =
+            socket(AF_INET, sockets[i].type | SOCK_NONBLOCK | SOCK_CLOEXEC, IPPROTO_ICMP);
         if (w->socket >= 0) {
             epicsAtomicSetIntT(&w->way, sockets[i].way);
             return;
@@ -96,7 +99,7 @@ static epicsUInt16 checksum(const struct icmphdr *header)
     for (i = 0; i < sizeof(words) / sizeof(words[0]); i++)
         sum += words[i];
     sum = (sum >> 16) + (sum & 0xffff);
-    return (epicsUInt16)~(sum + (sum >> 16));
+    return (epicsUInt16) ~(sum + (sum >> 16));
 }
 
 static void sendEcho(pairWatch *w, unsigned which)
@@ -268,7 +271,8 @@ static void readSocket(pairWatch *w)
     while ((length = recvfrom(w->socket, packet, sizeof(packet), 0,
                               (struct sockaddr *)&from, &size)) >= 0) {
         for (i = 0; i < PLC_LINKS_MAX; i++)
-            if (w->plc[i].host.s_addr == from.sin_addr.s_addr && isOurs(w, packet, length))
+            if (w->plc[i].host.s_addr == from.sin_addr.s_addr &&
+                isOurs(w, packet, length))
                 answered(w, i);
         size = sizeof(from);
     }
@@ -276,7 +280,10 @@ static void readSocket(pairWatch *w)
 
 static void waitFor(pairWatch *w, epicsUInt64 wake)
 {
-    struct pollfd fds[2 + PLC_LINKS_MAX] = {{w->pipe[0], POLLIN, 0}, {w->socket, POLLIN, 0}};
+    struct pollfd fds[2 + PLC_LINKS_MAX] = {
+        {w->pipe[0], POLLIN, 0},
+        {w->socket,  POLLIN, 0}
+    };
     epicsUInt64 now = epicsMonotonicGet();
     char buffer[16];
     unsigned i;
@@ -349,7 +356,8 @@ pairWatch *pairWatchCreate(unsigned ways, pairWatchNews *news, void *pvt)
     if (pipe2(w->pipe, O_CLOEXEC | O_NONBLOCK))
         cantProceed("pairWatch: no pipe: %s\n", strerror(errno));
     if (!epicsThreadCreate("pairWatch", epicsThreadPriorityLow,
-                           epicsThreadGetStackSize(epicsThreadStackMedium), watchThread, w))
+                           epicsThreadGetStackSize(epicsThreadStackMedium), watchThread,
+                           w))
         cantProceed("pairWatch: no thread\n");
     return w;
 }

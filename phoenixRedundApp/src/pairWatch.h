@@ -15,8 +15,8 @@ typedef struct pairWatch pairWatch;
 
 enum { pairWatchDatagram = 1, pairWatchRaw = 2, pairWatchCommand = 4, pairWatchAny = 7 };
 
-/* Host `which` was found to answer (1) or not (0), or it cannot be asked (-1). Called in the thread of the
- * watch after each question, with no lock held. */
+/* Host `which` was found to answer (1) or not (0), or it cannot be asked (-1). Called in
+ * the thread of the watch after each question, with no lock held. */
 typedef void pairWatchNews(void *pvt, unsigned which, int answers);
 
 /* Starts the thread; it asks when it knows hosts and a period. `ways` is a set of

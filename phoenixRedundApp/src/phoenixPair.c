@@ -25,22 +25,22 @@
 #define REACH_LOG_S 30.0
 
 const char *const phoenixName[PLC_LINKS_MAX] = {"FIRST", "SECOND"};
-const char *const phoenixBackupText[] = {"no partner",     "plc-1st unlinked",
+const char *const phoenixBackupText[] = {"no partner",       "plc-1st unlinked",
                                          "plc-2nd unlinked", "plc-1st linked",
-                                         "plc-2nd linked", "unknown"};
+                                         "plc-2nd linked",   "unknown"};
 
 struct phoenixPair {
     ELLNODE node;
     char *name;
     plcScan *scan;
-    pairWatch *watch;    /* while the station's thread runs */
+    pairWatch *watch; /* while the station's thread runs */
     /* the station's thread */
     plcStation *station;
     pairRole role;
-    double pingPeriod;   /* ms */
+    double pingPeriod; /* ms */
     /* the watch's thread */
     epicsUInt64 reachLogged[PLC_LINKS_MAX]; /* 0: never */
-    epicsMutexId lock;   /* guards from here on */
+    epicsMutexId lock;                      /* guards from here on */
     phoenixStatus status;
     int answeredOnce[PLC_LINKS_MAX]; /* ICMP echo is no stranger to it */
     int asked[PLC_LINKS_MAX];        /* its role changed; the watch was asked about it */
@@ -251,7 +251,8 @@ static void logRole(phoenixPair *p, const pairRole *before)
         else
             epicsSnprintf(text, sizeof(text), "%s is PRIMARY", phoenixName[r->leader]);
         plcStationLog(p->station,
-                      r->switchovers == before->switchovers ? errlogInfo : errlogMinor, text);
+                      r->switchovers == before->switchovers ? errlogInfo : errlogMinor,
+                      text);
     }
     if (r->twoPrimaries && !before->twoPrimaries) {
         epicsSnprintf(text, sizeof(text), "two PRIMARYs: both PLCs send; %s stays",
@@ -362,7 +363,8 @@ static void report(void *pvt, FILE *file, int level)
         return;
     for (i = 0; i < PLC_LINKS_MAX; i++)
         fprintf(file, "    %s at %s: %s, %s ICMP echo\n", phoenixName[i],
-                s.host[i].s_addr ? inet_ntop(AF_INET, &s.host[i], host, sizeof(host)) : "?",
+                s.host[i].s_addr ? inet_ntop(AF_INET, &s.host[i], host, sizeof(host))
+                                 : "?",
                 s.connected[i] ? "connected" : "not connected",
                 s.reachable[i] == phoenixAnswers    ? "answers"
                 : s.reachable[i] == phoenixNoAnswer ? "does not answer"

@@ -14,12 +14,12 @@
 
 /* The BACKUP as the paper's mbbi record shows it */
 typedef enum {
-    phoenixNoPartner,      /* redundancy=0 */
-    phoenixFirstUnlinked,  /* FIRST is BACKUP, without a network connection */
+    phoenixNoPartner,     /* redundancy=0 */
+    phoenixFirstUnlinked, /* FIRST is BACKUP, without a network connection */
     phoenixSecondUnlinked,
-    phoenixFirstLinked,    /* FIRST is BACKUP, ready to take over */
+    phoenixFirstLinked, /* FIRST is BACKUP, ready to take over */
     phoenixSecondLinked,
-    phoenixUnknown         /* nobody leads, or the BACKUP has not answered yet */
+    phoenixUnknown /* nobody leads, or the BACKUP has not answered yet */
 } phoenixBackup;
 
 typedef enum { phoenixNoAnswer, phoenixAnswers, phoenixNotKnown } phoenixReach;
@@ -27,7 +27,7 @@ typedef enum { phoenixNoAnswer, phoenixAnswers, phoenixNotKnown } phoenixReach;
 typedef struct phoenixStatus {
     phoenixBackup backup;
     pairWho primary;
-    int connected[PLC_LINKS_MAX]; /* TCP is up */
+    int connected[PLC_LINKS_MAX];          /* TCP is up */
     phoenixReach reachable[PLC_LINKS_MAX]; /* by ICMP echo */
     struct in_addr host[PLC_LINKS_MAX];    /* s_addr 0: not known yet */
     int twoPrimaries;
@@ -41,7 +41,7 @@ typedef struct phoenixStatus {
 typedef struct phoenixPair phoenixPair;
 
 extern const char *const phoenixName[PLC_LINKS_MAX]; /* "FIRST", "SECOND" */
-extern const char *const phoenixBackupText[];        /* as in the paper, by phoenixBackup */
+extern const char *const phoenixBackupText[]; /* as in the paper, by phoenixBackup */
 
 extern const plcPolicy phoenixPolicy; /* its pvt is a phoenixPair */
 

@@ -6,9 +6,9 @@
 extern "C" {
 #endif
 
-/* Makes a station of one PLC or of a redundant pair. args are the texts a user would type,
- * NULL where missing: PLCname, IPaddr, IPport, inSize, outSize, bigEndian, recvTimeout [ms],
- * sendInterval [ms], redundancy. Returns 0, or -1 after one error line. */
+/* Makes a station of one PLC or of a redundant pair. args are the texts a user would
+ * type, NULL where missing: PLCname, IPaddr, IPport, inSize, outSize, bigEndian,
+ * recvTimeout [ms], sendInterval [ms], redundancy. Returns 0, or -1 after an error line. */
 int phoenixplcConfigure(const char *const args[9]);
 
 #ifdef __cplusplus

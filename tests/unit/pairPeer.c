@@ -114,7 +114,8 @@ static void noteBlock(pairPeer *p)
     memcpy(&word, p->block, 4);
     word = ntohl(word);
     epicsMutexMustLock(p->lock);
-    p->seen.lastCount = p->seen.received && word == p->seen.last ? p->seen.lastCount + 1 : 1;
+    p->seen.lastCount =
+        p->seen.received && word == p->seen.last ? p->seen.lastCount + 1 : 1;
     p->seen.last = word;
     p->seen.received++;
     for (i = 0; i < WORDS && p->words[i] != word; i++)
@@ -180,9 +181,11 @@ static void peerThread(void *arg)
     char orders[16];
 
     while (obey(p, &sends, &pulled, &period)) {
-        struct pollfd fds[3] = {{p->pipe[0], POLLIN, 0},
-                                {pulled ? -1 : p->listener, POLLIN, 0},
-                                {pulled ? -1 : p->connection, POLLIN, 0}};
+        struct pollfd fds[3] = {
+            {p->pipe[0],                  POLLIN, 0},
+            {pulled ? -1 : p->listener,   POLLIN, 0},
+            {pulled ? -1 : p->connection, POLLIN, 0}
+        };
         epicsUInt64 now = epicsMonotonicGet();
         struct timespec limit = {1, 0};
 

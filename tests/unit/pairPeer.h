@@ -23,8 +23,8 @@ void pairPeerDestroy(pairPeer *peer);
 /* ms from block to block from now on. */
 void pairPeerPeriod(pairPeer *peer, double ms);
 
-/* Each fourth block comes this time later, ms. So the driver gets used to be patient, and a
- * busy machine that lets this thread sleep does not matter. */
+/* Each fourth block comes this time later, ms. So the driver gets used to be patient, and
+ * a busy machine that lets this thread sleep does not matter. */
 void pairPeerSlow(pairPeer *peer, double ms);
 
 /* 1: sends (PRIMARY), the first block at once; 0: does not (BACKUP). */
@@ -44,7 +44,7 @@ typedef struct pairPeerSeen {
     epicsUInt32 received;  /* whole blocks from the IOC */
     epicsUInt32 last;      /* first word of the last of them */
     epicsUInt32 lastCount; /* how many of them in a row had it */
-    epicsUInt64 longest;   /* ns: longest time between two blocks since pairPeerSeenReset */
+    epicsUInt64 longest; /* ns: longest time between two blocks since pairPeerSeenReset */
 } pairPeerSeen;
 
 void pairPeerLook(pairPeer *peer, pairPeerSeen *seen);

@@ -1,5 +1,5 @@
-/* A pair under random episodes: switch-overs, pulls, closes, restarts, two PRIMARYs. After
- * each of them leader, counters and values must be what a small model says.
+/* A pair under random episodes: switch-overs, pulls, closes, restarts, two PRIMARYs.
+ * After each of them leader, counters and values must be what a small model says.
  *
  * Arguments: number of episodes (30), seed of the random numbers (from the clock).
  * PLCs send every few ms. A machine that lets a PLC of the test sleep makes it silent in
@@ -187,10 +187,14 @@ static struct {
     void (*run)(void);
     unsigned count;
 } episodes[] = {
-    {"handOver", handOver, 0}, {"pull", pull, 0},
-    {"breakOff", breakOff, 0}, {"restart", restart, 0},
-    {"restartBackup", restartBackup, 0}, {"pullBackup", pullBackup, 0},
-    {"bothSend", bothSend, 0}, {"stray", stray, 0},
+    {"handOver",      handOver,      0},
+    {"pull",          pull,          0},
+    {"breakOff",      breakOff,      0},
+    {"restart",       restart,       0},
+    {"restartBackup", restartBackup, 0},
+    {"pullBackup",    pullBackup,    0},
+    {"bothSend",      bothSend,      0},
+    {"stray",         stray,         0},
 };
 
 #define EPISODES (sizeof(episodes) / sizeof(episodes[0]))
@@ -224,7 +228,8 @@ static void check(void)
     mustBecome(w.counter > counter + 1, "new values come");
     must(w.now.switchovers == m.switchovers, "switch-overs are counted right");
     must(!w.gap, "the data was valid all the time");
-    mustBecome(pairWorldSeen(&w, m.leader).last == m.word, "the PRIMARY has the last put");
+    mustBecome(pairWorldSeen(&w, m.leader).last == m.word,
+               "the PRIMARY has the last put");
     backup = pairWorldSeen(&w, !m.leader);
     received = backup.received;
     put();
@@ -283,13 +288,14 @@ MAIN(pairStressTest)
         episodes[which].run();
         settle();
     }
-    testOk(!failure, "%u episodes, each with the right PRIMARY, counters and values%s%s%s%s",
-           i, failure ? "; not so after " : "", failure ? episodes[last].name : "",
+    testOk(!failure,
+           "%u episodes, each with the right PRIMARY, counters and values%s%s%s%s", i,
+           failure ? "; not so after " : "", failure ? episodes[last].name : "",
            failure ? ": " : "", failure ? failure : "");
     for (i = 0; i < EPISODES; i++)
         testDiag("%-14s %u", episodes[i].name, episodes[i].count);
-    testDiag("%u switch-overs, %u two PRIMARYs, %.1f s; the machine slept in %d", m.switchovers,
-             m.twoPrimaries, (epicsMonotonicGet() - from) * 1e-9, excused);
+    testDiag("%u switch-overs, %u two PRIMARYs, %.1f s; the machine slept in %d",
+             m.switchovers, m.twoPrimaries, (epicsMonotonicGet() - from) * 1e-9, excused);
     testOk(excused * 4 < (int)n, "the machine slept in less than a quarter of them");
     plcStationReport(w.station, stdout, 1);
     pairWorldEnd(&w);

@@ -12,8 +12,8 @@
 #include "pairWorld.h"
 #include "phoenixRedund.h"
 
-#define PERIOD 10.0      /* ms */
-#define SLOW 250.0       /* ms that each fourth block is later */
+#define PERIOD 10.0       /* ms */
+#define SLOW 250.0        /* ms that each fourth block is later */
 #define RECV_TIMEOUT 1500 /* ms; much longer than a busy machine makes a PLC wait */
 #define BIG (16u << 20)   /* bytes that do not fit into the buffers of a connection */
 
@@ -109,10 +109,11 @@ static void closing(void)
     pairPeerSend(w.plc[1], 1);
     testOk(waitFor(w.who == 2) && w.now.primary == pairSecond && w.now.switchovers == 3,
            "SECOND sends: it leads with its first block");
-    testOk(strncmp(w.now.switchReason, "FIRST disconnected", 18) == 0, "the reason is \"%s\"",
-           w.now.switchReason);
+    testOk(strncmp(w.now.switchReason, "FIRST disconnected", 18) == 0,
+           "the reason is \"%s\"", w.now.switchReason);
     testOk(w.now.backup == phoenixFirstUnlinked, "the BACKUP is plc-1st, unlinked");
-    testOk(waitFor(pairPeerCount(w.plc[1], 104) == 1), "the put of the gap goes to SECOND");
+    testOk(waitFor(pairPeerCount(w.plc[1], 104) == 1),
+           "the put of the gap goes to SECOND");
     pairPeerUp(w.plc[0]);
     testOk(waitFor(w.now.backup == phoenixFirstLinked) && w.now.primary == pairSecond,
            "FIRST is back: BACKUP, linked, SECOND still leads");
@@ -147,7 +148,8 @@ static void pull(void)
     pairWorldPut(&w, 106);
     pairPeerSend(w.plc[0], 1);
     testOk(waitFor(w.now.primary == pairFirst && w.who == 1), "FIRST sends: it leads");
-    testOk(waitFor(pairPeerCount(w.plc[0], 106) == 1), "the put of the gap goes to FIRST");
+    testOk(waitFor(pairPeerCount(w.plc[0], 106) == 1),
+           "the put of the gap goes to FIRST");
     pairWorldPut(&w, 107);
     testOk(waitFor(pairPeerCount(w.plc[0], 107) == 1), "so does the next one");
     pairPeerSend(w.plc[1], 0);
@@ -221,15 +223,15 @@ static void reach(void)
     pairPeerSend(w.plc[0], 1);
     waitFor(w.who == 1);
     since = epicsMonotonicGet();
-    asks = waitFor(w.now.reachable[0] == phoenixAnswers || epicsMonotonicGet() - since > 3e9);
+    asks = waitFor(w.now.reachable[0] == phoenixAnswers ||
+                   epicsMonotonicGet() - since > 3e9);
     asks = asks && w.now.reachable[0] == phoenixAnswers;
     testSkip(asks ? 0 : 3, "this machine has no way to ask by ICMP echo");
     if (asks) {
         testOk(waitFor(w.now.reachable[1] == phoenixAnswers), "both answer ICMP echo");
         pairPeerSend(w.plc[0], 0);
         pairPeerSend(w.plc[1], 1);
-        testOk(waitFor(w.now.primary == pairSecond &&
-                       w.now.backup == phoenixFirstLinked),
+        testOk(waitFor(w.now.primary == pairSecond && w.now.backup == phoenixFirstLinked),
                "after a switch-over the new BACKUP is linked as soon as it has answered");
         plcStationSetOption(w.station, "pingPeriod", "0", error, sizeof(error));
         testOk(waitFor(w.now.reachable[0] == phoenixNotKnown) &&
@@ -248,31 +250,44 @@ static void configure(void)
         int good;
     } rows[] = {
         {"redundancy=2 is refused",
-         {"X1", "10.0.0.1", "2000", "8", "8", "1", "0", "0", "2"}, 0},
+         {"X1", "10.0.0.1", "2000", "8", "8", "1", "0", "0", "2"},
+         0},
         {"redundancy=yes is refused",
-         {"X2", "10.0.0.1", "2000", "8", "8", "1", "0", "0", "yes"}, 0},
+         {"X2", "10.0.0.1", "2000", "8", "8", "1", "0", "0", "yes"},
+         0},
         {"a pair at .254 is refused: there is no IPaddr+1",
-         {"X3", "10.0.0.254", "2000", "8", "8", "1", "0", "0", "1"}, 0},
+         {"X3", "10.0.0.254", "2000", "8", "8", "1", "0", "0", "1"},
+         0},
         {"a pair at .255 is refused",
-         {"X4", "10.0.0.255", "2000", "8", "8", "1", "0", "0", "1"}, 0},
+         {"X4", "10.0.0.255", "2000", "8", "8", "1", "0", "0", "1"},
+         0},
         {"two addresses without redundancy are refused",
-         {"X5", "10.0.0.1,10.0.0.9", "2000", "8", "8", "1", "0", "0", "0"}, 0},
+         {"X5", "10.0.0.1,10.0.0.9", "2000", "8", "8", "1", "0", "0", "0"},
+         0},
         {"the same address twice is refused",
-         {"X6", "10.0.0.1,10.0.0.1", "2000", "8", "8", "1", "0", "0", "1"}, 0},
+         {"X6", "10.0.0.1,10.0.0.1", "2000", "8", "8", "1", "0", "0", "1"},
+         0},
         {"a pair without input block is refused: who would be PRIMARY?",
-         {"X7", "10.0.0.1", "2000", "0", "8", "1", "0", "0", "1"}, 0},
+         {"X7", "10.0.0.1", "2000", "0", "8", "1", "0", "0", "1"},
+         0},
         {"a pair without address is refused",
-         {"X8", "", "0", "8", "8", "1", "0", "0", "1"}, 0},
+         {"X8", "", "0", "8", "8", "1", "0", "0", "1"},
+         0},
         {"no redundancy argument means one PLC",
-         {"X9", "10.0.0.254", "2000", "8", "8", "1", "0", "0", NULL}, 1},
+         {"X9", "10.0.0.254", "2000", "8", "8", "1", "0", "0", NULL},
+         1},
         {"a pair at .253 is SECOND at .254",
-         {"XA", "10.0.0.253", "2000", "8", "8", "1", "0", "0", "1"}, 1},
+         {"XA", "10.0.0.253", "2000", "8", "8", "1", "0", "0", "1"},
+         1},
         {"a pair with two addresses may lie anywhere",
-         {"XB", "10.0.0.254,10.0.3.1", "2000", "8", "8", "1", "0", "0", "1"}, 1},
+         {"XB", "10.0.0.254,10.0.3.1", "2000", "8", "8", "1", "0", "0", "1"},
+         1},
         {"a host name is resolved before 1 is added",
-         {"XC", "plc-a.invalid", "2000", "8", "8", "1", "0", "0", "1"}, 1},
+         {"XC", "plc-a.invalid", "2000", "8", "8", "1", "0", "0", "1"},
+         1},
         {"the same name twice is refused",
-         {"XA", "10.0.0.1", "2000", "8", "8", "1", "0", "0", "1"}, 0},
+         {"XA", "10.0.0.1", "2000", "8", "8", "1", "0", "0", "1"},
+         0},
     };
     size_t i;
 

@@ -10,7 +10,7 @@ typedef struct pairWorld {
     plcStation *station;
     phoenixPair *pair;
     pairPeer *plc[PLC_LINKS_MAX];
-    int gap;           /* data was seen to be not valid, though it had been */
+    int gap; /* data was seen to be not valid, though it had been */
     int valid;
     phoenixStatus now; /* as of the last look */
     epicsUInt32 who;   /* whose block is in the image, 0: not valid */
@@ -37,14 +37,14 @@ pairPeerSeen pairWorldSeen(pairWorld *world, int which);
 
 /* Waits until the condition is true, looking again and again; 20 s at most. Its value is
  * the condition's. */
-#define pairWorldWait(world, condition) \
-    ({ \
-        epicsUInt64 until_ = epicsMonotonicGet() + 20000000000ull; \
-        int true_; \
-        while (!(true_ = (pairWorldLook(world) && (condition))) && \
-               epicsMonotonicGet() < until_) \
-            epicsThreadSleep(0.0005); \
-        true_; \
+#define pairWorldWait(world, condition)                                                  \
+    ({                                                                                   \
+        epicsUInt64 until_ = epicsMonotonicGet() + 20000000000ull;                       \
+        int true_;                                                                       \
+        while (!(true_ = (pairWorldLook(world) && (condition))) &&                       \
+               epicsMonotonicGet() < until_)                                             \
+            epicsThreadSleep(0.0005);                                                    \
+        true_;                                                                           \
     })
 
 #endif /* INC_pairWorld_H */

@@ -20,89 +20,87 @@
 #define START (1000 * MS) /* time 0 of the stories */
 
 /* FIRST leads, then both send */
-#define BOTH \
-    "1@0 1@100 1@200 2@210 1@300 2@310 1@400 2@410 1@500 2@510 "
+#define BOTH "1@0 1@100 1@200 2@210 1@300 2@310 1@400 2@410 1@500 2@510 "
 
 static const struct {
     const char *sentence;
     const char *story;
 } stories[] = {
-    /* who sends is PRIMARY */
-    {"nobody leads before the first block",
-     "N +1@0 N +2@5 N .@5000 N #0"},
-    {"the first block makes its sender the PRIMARY",
-     "+1@0 +2@0 2@10 S #0"},
+  /* who sends is PRIMARY */
+    {"nobody leads before the first block",                                             "N +1@0 N +2@5 N .@5000 N #0"               },
+    {"the first block makes its sender the PRIMARY",                                    "+1@0 +2@0 2@10 S #0"                       },
     {"it need not be FIRST, and the connection of the other does not matter",
-     "+2@0 2@10 S +1@20 S 2@110 S -1@120 S #0"},
-    {"the PRIMARY leads on while it sends",
-     "1@0 1@100 1@200 1@300 1@400 F .@450 F #0 t"},
-    /* switch-over */
+     "+2@0 2@10 S +1@20 S 2@110 S -1@120 S #0"                                                                                      },
+    {"the PRIMARY leads on while it sends",                                             "1@0 1@100 1@200 1@300 1@400 F .@450 F #0 t"},
+ /* switch-over */
     {"PRIMARY silent for a while, then the other sends: it leads with its first block",
-     "1@0 1@100 1@200 2@700 F .@700 S #1 :500 ?s"},
+     "1@0 1@100 1@200 2@700 F .@700 S #1 :500 ?s"                                                                                   },
     {"orderly switch-over: the other leads when the next block of the old is overdue",
-     "1@0 1@100 1@200 1@300 2@310 F .@400 F .@406 F .@408 S #1 :107 ?s"},
+     "1@0 1@100 1@200 1@300 2@310 F .@400 F .@406 F .@408 S #1 :107 ?s"                                                             },
     {"orderly switch-over with a block of the new one in between: the same",
-     "1@0 1@100 1@200 1@300 2@310 2@350 F .@408 S #1 t"},
+     "1@0 1@100 1@200 1@300 2@310 2@350 F .@408 S #1 t"                                                                             },
     {"the new PRIMARY goes on to lead",
-     "1@0 1@100 1@200 2@210 .@320 S 2@310 2@410 2@510 2@610 S #1"},
+     "1@0 1@100 1@200 2@210 .@320 S 2@310 2@410 2@510 2@610 S #1"                                                                   },
     {"there and back again",
-     "1@0 1@100 1@200 2@700 .@700 S 2@800 2@900 1@1400 .@1400 F #2 :500"},
-    /* a connection breaks */
+     "1@0 1@100 1@200 2@700 .@700 S 2@800 2@900 1@1400 .@1400 F #2 :500"                                                            },
+ /* a connection breaks */
     {"connection of the PRIMARY lost, nobody sends: nobody leads",
-     "1@0 1@100 -1@120 N .@9000 N #0"},
+     "1@0 1@100 -1@120 N .@9000 N #0"                                                                                               },
     {"then the first block of the other makes it the PRIMARY, at once",
-     "1@0 1@100 -1@120 N 2@600 S #1 :500 ?d"},
+     "1@0 1@100 -1@120 N 2@600 S #1 :500 ?d"                                                                                        },
     {"lost while the other has begun to send: it leads at once",
-     "1@0 1@100 2@110 F -1@115 S #1 :15 ?d"},
-    {"silent until recvTimeout, connection given up: the other leads with its first block",
-     "1@0 1@100 -1@2100 N 2@2200 S #1 :2100 ?o"},
+     "1@0 1@100 2@110 F -1@115 S #1 :15 ?d"                                                                                         },
+    {"silent until recvTimeout, connection given up: the other leads with its first "
+     "block",                                                                                  "1@0 1@100 -1@2100 N 2@2200 S #1 :2100 ?o"                                                                                                                        },
     {"connection of the BACKUP lost: the PRIMARY leads on",
      "1@0 1@100 -2@120 F 1@200 F #0"},
     {"the BACKUP that had begun to send is lost: the PRIMARY leads on, however silent",
-     "1@0 1@100 2@110 -2@120 .@900 F #0"},
-    /* the same PLC comes back */
+     "1@0 1@100 2@110 -2@120 .@900 F #0"                                                                                            },
+ /* the same PLC comes back */
     {"the PRIMARY restarts and sends again: no switch-over",
      "1@0 1@100 -1@120 N +1@600 N 1@700 F #0"},
     {"the old PRIMARY comes back as BACKUP: nothing changes",
-     "1@0 1@100 -1@120 2@300 S +1@900 S 2@400 S #1"},
+     "1@0 1@100 -1@120 2@300 S +1@900 S 2@400 S #1"                                                                                           },
     {"who restarts with another period is known by that after a few blocks",
-     "1@0 1@10 1@20 1@30 1@40 -1@41 1@900 1@950 1@1000 1@1050 1@1100 1@1150 1@1200 1@1250 "
+     "1@0 1@10 1@20 1@30 1@40 -1@41 1@900 1@950 1@1000 1@1050 1@1100 1@1150 1@1200 "
+     "1@1250 "
      "1@1300 2@1310 .@1350 F .@1355 S"},
-    /* both send */
-    {"two PRIMARYs: the present one stays",
-     "1@0 1@100 1@200 2@210 1@300 F 2@310 1@400 2@410 1@500 t 2@510 T F 1@600 2@610 T F #0"},
+ /* both send */
+    {"two PRIMARYs: the present one stays",                                                                                 "1@0 1@100 1@200 2@210 1@300 F 2@310 1@400 "
+     "2@410 1@500 t 2@510 T F 1@600 2@610 T F #0"                                                                                                                            },
     {"two PRIMARYs: a late block of the present one does not matter",
      BOTH "T 2@610 T F 1@680 T F 2@710 1@800 T F #0"},
     {"two PRIMARYs: the other stops, all is well again",
-     BOTH "T 1@600 1@700 1@800 T 1@900 t F #0"},
+     BOTH "T 1@600 1@700 1@800 T 1@900 t F #0"                                                                                                                         },
     {"two PRIMARYs: the present one stops, the other leads after two missed blocks",
      BOTH "1@600 2@610 2@710 F 2@810 .@810 S t #1"},
     {"two PRIMARYs: the connection of the present one breaks, the other leads at once",
-     BOTH "1@600 -1@601 S t #1 ?d"},
+     BOTH "1@600 -1@601 S t #1 ?d"                                                                                                                     },
     {"two PRIMARYs: the connection of the other one breaks, all is well again",
      BOTH "T -2@520 t F 1@600 F #0"},
     {"two PRIMARYs in step, the other always a little earlier: the present one stays",
-     "1@0 1@100 1@200 2@199 2@299 1@300 2@399 1@400 2@499 1@500 2@599 1@600 F T #0"},
+     "1@0 1@100 1@200 2@199 2@299 1@300 2@399 1@400 2@499 1@500 2@599 1@600 F T #0"                                                                                                                    },
     {"both send from the very start: the first to be heard leads",
      "2@0 1@1 2@100 1@101 2@200 1@201 2@300 1@301 S T #0"},
-    /* late blocks of the old PRIMARY */
+ /* late blocks of the old PRIMARY */
     {"a block of the old PRIMARY that was on its way: no flapping, no alarm",
-     "1@0 1@100 1@200 2@306 .@308 S 1@315 S 2@406 S 2@506 2@606 S t #1"},
+     "1@0 1@100 1@200 2@306 .@308 S 1@315 S 2@406 S 2@506 2@606 S t #1"                                                                                                                                              },
     {"several of them at once: the same",
      "1@0 1@100 1@200 2@306 .@308 S 1@315 1@315 1@316 S 2@406 S 2@506 2@606 S t #1"},
     {"a network that holds back what the old PRIMARY sent for one and a half periods",
-     "1@0 1@100 1@200 2@210 1@220 2@310 1@320 F 2@410 t .@450 F .@500 S #1 :173 2@510 2@610 t S"},
+     "1@0 1@100 1@200 2@210 1@220 2@310 1@320 F 2@410 t .@450 F .@500 S #1 :173 2@510 "
+     "2@610 t S"                                                                                                                                  },
     {"minutes later it sends again: new claims, not yet two PRIMARYs",
      "1@0 1@100 1@200 2@306 .@308 S 1@315 2@406 2@506 2@606 2@706 2@806 1@810 S t 2@906 "
      "1@910 2@1006 1@1010 t 2@1106 1@1110 T S #1"},
-    /* flapping */
+ /* flapping */
     {"PLCs that hand over at every block are followed one period apart",
-     "1@0 1@100 1@200 2@300 .@308 S 2@400 1@500 .@510 F 1@600 2@700 .@710 S #3"},
-    /* little is known yet */
+     "1@0 1@100 1@200 2@300 .@308 S 2@400 1@500 .@510 F 1@600 2@700 .@710 S #3"                                                                                                 },
+ /* little is known yet */
     {"one block ever, then the other sends: half of recvTimeout must pass",
      "1@0 2@10 F 2@900 F .@1001 S #1"},
     {"a period is known of the other only: that counts",
-     "1@0 2@10 2@60 2@110 .@9000 S #1"},
+     "1@0 2@10 2@60 2@110 .@9000 S #1"                                                                                                                                           },
 };
 
 /* --- Stories ------------------------------------------------------------------------ */
@@ -216,7 +214,8 @@ static const char *broken(const teller *before, const teller *after, int choice,
                           epicsUInt64 period)
 {
     const pairRole *b = &before->role, *a = &after->role;
-    int block = choice < 2 ? choice : -1, lost = choice >= 2 && choice < 4 ? choice - 2 : -1;
+    int block = choice < 2 ? choice : -1,
+        lost = choice >= 2 && choice < 4 ? choice - 2 : -1;
     int changed = a->leader != b->leader;
 
     if (a->leader != pairNobody && !a->plc[a->leader].lastBlock)
