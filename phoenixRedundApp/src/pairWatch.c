@@ -14,10 +14,9 @@
 #include <unistd.h>
 
 #include <netinet/in.h>
-#include <netinet/ip.h>
-#include <netinet/ip_icmp.h>
 
 #include <cantProceed.h>
+#include <epicsAssert.h>
 #include <epicsAtomic.h>
 #include <epicsEvent.h>
 #include <epicsMutex.h>
@@ -32,6 +31,17 @@
 #define NEVER ((epicsUInt64)-1)
 
 extern char **environ;
+
+/* ICMP echo (RFC 792), big endian, without data:
+ *   0 type   1 code   2 checksum (UINT16)   4 id (UINT16)   6 sequence (UINT16) */
+typedef struct echoPacket {
+    epicsUInt8 type, code;
+    epicsUInt16 checksum, id, sequence;
+} echoPacket;
+
+STATIC_ASSERT(sizeof(echoPacket) == 8);
+
+enum { ECHO_REPLY = 0, ECHO_REQUEST = 8 };
 
 typedef struct asked {
     struct in_addr wanted; /* whom to ask; s_addr 0: not known yet */
@@ -62,7 +72,32 @@ struct pairWatch {
     epicsUInt16 id, sequence;
 };
 
+static epicsMutexId spawning;
+static epicsThreadOnceId once = EPICS_THREAD_ONCE_INIT;
+
+static void initOnce(void *arg)
+{
+    (void)arg;
+    spawning = epicsMutexMustCreate();
+}
+
 /* --- Ways to ask -------------------------------------------------------------------- */
+
+/* Not for children of ours, and nobody waits on it. */
+static void makePrivate(int fd)
+{
+    fcntl(fd, F_SETFD, FD_CLOEXEC);
+    fcntl(fd, F_SETFL, fcntl(fd, F_GETFL) | O_NONBLOCK);
+}
+
+static int makePipe(int ends[2])
+{
+    if (pipe(ends))
+        return -1;
+    makePrivate(ends[0]);
+    makePrivate(ends[1]);
+    return 0;
+}
 
 /* The first way of those wanted that this machine allows. */
 static void chooseWay(pairWatch *w)
@@ -78,9 +113,9 @@ static void chooseWay(pairWatch *w)
     for (i = 0; i < 2; i++) {
         if (!(w->ways & sockets[i].way))
             continue;
-        w->socket =
-            socket(AF_INET, sockets[i].type | SOCK_NONBLOCK | SOCK_CLOEXEC, IPPROTO_ICMP);
+        w->socket = socket(AF_INET, sockets[i].type, IPPROTO_ICMP);
         if (w->socket >= 0) {
+            makePrivate(w->socket);
             epicsAtomicSetIntT(&w->way, sockets[i].way);
             return;
         }
@@ -89,13 +124,13 @@ static void chooseWay(pairWatch *w)
 }
 
 /* The Internet checksum: the one's complement of the one's complement sum. */
-static epicsUInt16 checksum(const struct icmphdr *header)
+static epicsUInt16 checksum(const echoPacket *packet)
 {
-    epicsUInt16 words[sizeof(*header) / 2];
+    epicsUInt16 words[sizeof(*packet) / 2];
     epicsUInt32 sum = 0;
     size_t i;
 
-    memcpy(words, header, sizeof(words));
+    memcpy(words, packet, sizeof(words));
     for (i = 0; i < sizeof(words) / sizeof(words[0]); i++)
         sum += words[i];
     sum = (sum >> 16) + (sum & 0xffff);
@@ -104,12 +139,12 @@ static epicsUInt16 checksum(const struct icmphdr *header)
 
 static void sendEcho(pairWatch *w, unsigned which)
 {
-    struct icmphdr echo = {.type = ICMP_ECHO};
+    echoPacket echo = {.type = ECHO_REQUEST};
     struct sockaddr_in to = {.sin_family = AF_INET, .sin_addr = w->plc[which].host};
 
     /* The kernel puts its own id into those of a datagram socket. */
-    echo.un.echo.id = htons(w->id);
-    echo.un.echo.sequence = htons(++w->sequence);
+    echo.id = htons(w->id);
+    echo.sequence = htons(++w->sequence);
     echo.checksum = checksum(&echo);
     /* "no route" is no answer */
     (void)!sendto(w->socket, &echo, sizeof(echo), MSG_NOSIGNAL, (struct sockaddr *)&to,
@@ -119,7 +154,7 @@ static void sendEcho(pairWatch *w, unsigned which)
 /* True when the packet is an answer to one of our requests. */
 static int isOurs(const pairWatch *w, const char *packet, size_t length)
 {
-    struct icmphdr echo;
+    echoPacket echo;
     size_t skip = 0;
 
     if (w->way == pairWatchRaw) /* the IP header comes first */
@@ -127,43 +162,58 @@ static int isOurs(const pairWatch *w, const char *packet, size_t length)
     if (length < skip + sizeof(echo))
         return 0;
     memcpy(&echo, packet + skip, sizeof(echo));
-    return echo.type == ICMP_ECHOREPLY &&
-           (w->way == pairWatchDatagram || echo.un.echo.id == htons(w->id));
+    return echo.type == ECHO_REPLY &&
+           (w->way == pairWatchDatagram || echo.id == htons(w->id));
 }
 
-/* Starts `ping host`, without a shell. Its end shows as the end of its output. */
-static void spawnPing(pairWatch *w, unsigned which)
+/* Starts `ping host`, without a shell, with its output to this pipe. Returns 0 or -1. */
+static int spawn(asked *a, int output)
 {
-    asked *a = &w->plc[which];
     char host[INET_ADDRSTRLEN];
     char *const args[] = {"ping", "-n", "-q", "-c", "1", "-W", "1", host, NULL};
     posix_spawn_file_actions_t actions;
     posix_spawnattr_t attributes;
     sigset_t signals;
-    int ends[2];
+    int status;
 
     inet_ntop(AF_INET, &a->host, host, sizeof(host));
-    if (pipe2(ends, O_CLOEXEC))
-        return;
     posix_spawn_file_actions_init(&actions);
     posix_spawn_file_actions_addopen(&actions, 0, "/dev/null", O_RDONLY, 0);
-    posix_spawn_file_actions_adddup2(&actions, ends[1], 1);
+    posix_spawn_file_actions_adddup2(&actions, output, 1);
     posix_spawn_file_actions_addopen(&actions, 2, "/dev/null", O_WRONLY, 0);
     posix_spawnattr_init(&attributes);
     posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGMASK);
     sigemptyset(&signals);
     posix_spawnattr_setsigmask(&attributes, &signals);
-    if (posix_spawnp(&a->child, "ping", &actions, &attributes, args, environ)) {
+    status = posix_spawnp(&a->child, "ping", &actions, &attributes, args, environ);
+    if (status)
         a->child = 0;
-        close(ends[0]);
-        epicsAtomicSetIntT(&w->way, 0); /* there is no such command */
-        w->news(w->pvt, which, -1);
-    } else {
-        a->output = ends[0];
-    }
-    close(ends[1]);
     posix_spawnattr_destroy(&attributes);
     posix_spawn_file_actions_destroy(&actions);
+    return status ? -1 : 0;
+}
+
+/* Asks by a process. Its end shows as the end of its output. */
+static void startPing(pairWatch *w, unsigned which)
+{
+    asked *a = &w->plc[which];
+    int ends[2], status = 0;
+
+    /* One at a time: a child must not inherit the pipe of another's ping. */
+    epicsMutexMustLock(spawning);
+    if (makePipe(ends) == 0) {
+        status = spawn(a, ends[1]);
+        close(ends[1]);
+        if (status)
+            close(ends[0]);
+        else
+            a->output = ends[0];
+    }
+    epicsMutexUnlock(spawning);
+    if (status) { /* there is no such command */
+        epicsAtomicSetIntT(&w->way, 0);
+        w->news(w->pvt, which, -1);
+    }
 }
 
 /* Takes the ping of a host away. Returns 1 when it had an answer. */
@@ -206,7 +256,7 @@ static void request(pairWatch *w, unsigned which)
         sendEcho(w, which);
     else if (w->plc[which].sent % 2 == 0) { /* a process has two steps */
         reapPing(&w->plc[which], 1);
-        spawnPing(w, which);
+        startPing(w, which);
     }
     w->plc[which].sent++;
 }
@@ -342,6 +392,7 @@ pairWatch *pairWatchCreate(unsigned ways, pairWatchNews *news, void *pvt)
     pairWatch *w = callocMustSucceed(1, sizeof(*w), "pairWatchCreate");
     unsigned i;
 
+    epicsThreadOnce(&once, initOnce, NULL);
     w->ways = ways;
     w->news = news;
     w->pvt = pvt;
@@ -353,7 +404,7 @@ pairWatch *pairWatchCreate(unsigned ways, pairWatchNews *news, void *pvt)
         w->plc[i].step = NEVER;
         w->plc[i].output = -1;
     }
-    if (pipe2(w->pipe, O_CLOEXEC | O_NONBLOCK))
+    if (makePipe(w->pipe))
         cantProceed("pairWatch: no pipe: %s\n", strerror(errno));
     if (!epicsThreadCreate("pairWatch", epicsThreadPriorityLow,
                            epicsThreadGetStackSize(epicsThreadStackMedium), watchThread,
