@@ -1,5 +1,6 @@
 /* The thread of a station: it waits in poll() for a wake-up, its connections and its
- * timers, and does what they ask. It never waits for anything else.
+ * timers, and does what they ask. It waits for nothing else, but for records in a small
+ * scan pass (plcScanHere).
  *
  * Reads from top to bottom: log, input, connections, output, loop.
  */
