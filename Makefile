@@ -2,6 +2,7 @@
 #   make demo    an IOC and a simulated PLC exchange blocks before your eyes
 #   make test    all tests
 # There is `make demo-redundant` too: a redundant pair of PLCs, and a cable that is pulled.
+# And `make demo-sync`: an IOC with the values of yesterday meets a plant that runs.
 # In a tree with configure/RELEASE.local (or EPICS_BASE set), plain `make` is a plain EPICS
 # build and installs nothing on the machine.
 

@@ -162,6 +162,7 @@ def test_put(pair_of):
     ioc.put("Recipe", "rolls")
     until_equal(lambda: memory(sim), struct.pack(">fhBx8sh2x", 21.5, 123, 0, b"rolls", 7))
     assert state(ioc) == "synced" and ioc.get("Sync:Count") == 1
+    assert "sync: synced for" in ioc.command("s7plcReport PLC 1")
 
 
 def test_put_while_checking(pair_of):
@@ -173,6 +174,7 @@ def test_put_while_checking(pair_of):
         ioc.put(name, value)
         assert ioc.alarm(name) == ("INVALID", "WRITE", "not synchronised: PLC checks")
     assert values(ioc) == HELD
+    until(lambda: ioc.get("Sync:Refused") >= 4, "refused puts are counted")
     sim.command("refuse sync off")
     wait_synced(sim, ioc)
     wait_heartbeats(sim)
@@ -193,6 +195,7 @@ def test_local(pair_of):
     sim.command("hmi DB10.4 INT16 -7")
     wait_values(ioc, Speed=-7)
     until_equal(lambda: ioc.alarm("Speed")[0], "NO_ALARM")
+    assert ioc.text("Sync:Remote") == "LOCAL"
     before = memory(sim)
     sim.command("remote")
     wait_synced(sim, ioc)
