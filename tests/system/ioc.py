@@ -178,11 +178,14 @@ class Ioc:
         value = self.get(name)
         return value.tolist() if hasattr(value, "tolist") else value
 
-    def wait_alarm(self, name, *wanted, limit=LIMIT):
-        """Waits for SEVR, then STAT and AMSG where given (AMSG: a part of it)."""
+    def wait_alarm(self, name, *wanted, limit=LIMIT, ask=False):
+        """Waits for SEVR, then STAT and AMSG where given (AMSG: a part of it). ask: process
+        the record, as a periodic scan would; I/O Intr tells the first reason of a loss."""
         seen = []
 
         def check():
+            if ask:
+                self.process_record(name)
             seen[:] = [self.alarm(name)]
             severity, status, message = seen[0]
             return (severity == wanted[0] and

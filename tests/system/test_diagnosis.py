@@ -21,7 +21,8 @@ def test_wrong_size(new_peer, new_ioc, sent, size):
     peer.every(0.02, bytes(sent))
     line = ioc.wait_log("the PLC sends blocks of")
     assert f"of {sent} bytes" in line and f"inSize is {size}" in line
-    ioc.wait_alarm("in", "INVALID", "COMM", f"PLC sends {sent} bytes, inSize is {size}")
+    ioc.wait_alarm("in", "INVALID", "COMM", f"PLC sends {sent} bytes, inSize is {size}",
+                   ask=True)
     peer.wait_connected(len(peer.connections) + 2)  # it goes on trying
     assert ioc.log_count("the PLC sends blocks of") == 1
     assert ioc.alarm("in")[:2] == ("INVALID", "COMM")
@@ -49,7 +50,7 @@ def test_right_after_wrong(new_peer, new_ioc):
     ioc = new_ioc(peer.configure(), IN)
     peer.wait_connected()
     peer.every(0.02, bytes(60))
-    ioc.wait_alarm("in", "INVALID", "COMM", "inSize is 64")
+    ioc.wait_alarm("in", "INVALID", "COMM", "inSize is 64", ask=True)
     peer.every(0.02, struct.pack(">i", 77).ljust(64, b"\0"))
     ioc.wait_value("in", 77)
     ioc.wait_alarm("in", "NO_ALARM")

@@ -34,7 +34,7 @@ def test_unknown_host(new_ioc, new_peer):
     ioc = new_ioc(f's7plcConfigure("PLC", "no-such-host.invalid", {peer.port}, 4, 0, 1, 2000, 100)', IN)
     check_instant(ioc)
     ioc.wait_log("no-such-host.invalid")
-    ioc.wait_alarm("in", "INVALID", "COMM")
+    ioc.wait_alarm("in", "INVALID", "COMM", ask=True)
     assert ioc.log_count("cannot connect") <= 1
     ioc.put("addr", "127.0.0.1")
     peer.wait_connected()
@@ -92,7 +92,7 @@ def test_deaf_name_server(need_root, deaf_name_server, new_ioc, new_peer, tmp_pa
     peer.wait_connected()
     peer.send(b"\0\0\0\x06")
     ioc.wait_value("other", 6)
-    ioc.wait_alarm("in", "INVALID", "COMM")
+    ioc.wait_alarm("in", "INVALID", "COMM", ask=True)
     assert ioc.exit(limit=20) == 0
 
 
@@ -113,7 +113,7 @@ def test_firewall(need_root, new_ioc, new_peer):
         pytest.skip(f"iptables: {added.stderr.strip().splitlines()[0]}")
     try:
         ioc.wait_alarm("in", "INVALID", "COMM")
-        ioc.wait_alarm("in", "INVALID", "COMM", "does not answer")
+        ioc.wait_alarm("in", "INVALID", "COMM", "does not answer", ask=True)
         check_instant(ioc)
         ioc.put("out", 5)
         begin = time.monotonic()

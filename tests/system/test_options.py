@@ -219,7 +219,7 @@ def test_connect_timeout(new_ioc, black_hole):
     ioc = new_ioc(f's7plcConfigure("PLC", "127.0.0.1", {black_hole.port}, 4, 0, 1, 2000, 100)'
                   + option("connectTimeout", 100), IN)
     ioc.wait_log("does not answer")
-    ioc.wait_alarm("in", "INVALID", "COMM", "does not answer")
+    ioc.wait_alarm("in", "INVALID", "COMM", "does not answer", ask=True)
     until(lambda: int(ioc.command("s7plcReport PLC").split(" failed")[0].split()[-1]) >= 5,
           "five attempts")
     assert ioc.log_count("cannot connect") == 1

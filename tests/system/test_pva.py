@@ -50,5 +50,5 @@ def test_pva(pva, new_peer, new_ioc):
     peer.power_off()
     assert enough.wait(60)
     subscription.close()
-    until(lambda: "refused" in pva.get(ioc.P + "in", timeout=30).raw.alarm.message,
+    until(lambda: "reset by PLC" in pva.get(ioc.P + "in", timeout=30).raw.alarm.message,
           lambda: pva.get(ioc.P + "in", timeout=30).raw.alarm.message)

@@ -1,7 +1,8 @@
 """Waiting for a condition. The limit is generous: it ends a test that has failed anyway."""
+import os
 import time
 
-LIMIT = 60.0
+LIMIT = float(os.environ.get("PLCLINK_TEST_LIMIT", 60))  # s
 
 
 def until(condition, what="the condition", limit=LIMIT):
