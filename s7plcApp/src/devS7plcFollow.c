@@ -79,7 +79,7 @@ static void followRecord(dbCommon *prec, const plcStation *station)
     free(bytes);
 }
 
-void devFollowAll(plcStation *station)
+static void followAll(plcStation *station)
 {
     size_t count, i;
     dbCommon **records = recordsOf(station, &count);
@@ -90,6 +90,13 @@ void devFollowAll(plcStation *station)
         dbScanUnlock(records[i]);
     }
     free(records);
+}
+
+/* Before the first block the output image does not hold the PLC's values yet. */
+void devFollowAll(plcStation *station)
+{
+    if (plcStationTaken(station))
+        followAll(station);
     devAwayEnd(station);
 }
 

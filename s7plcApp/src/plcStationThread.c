@@ -85,13 +85,14 @@ static int isPair(plcStation *s)
 }
 
 /* Output records are told in a callback that the PLC is back, or that outputs took a value
- * from it. */
+ * from it. Not while iocInit initialises them: it is made up for when the IOC runs. */
 static void requestFollow(plcStation *s, unsigned places)
 {
     epicsMutexMustLock(s->lock);
     s->stats.readbacks += places;
     epicsMutexUnlock(s->lock);
-    if (s->follow && epicsAtomicCmpAndSwapIntT(&s->following, 0, 1) == 0 &&
+    if (epicsAtomicGetIntT(&s->running) && s->follow &&
+        epicsAtomicCmpAndSwapIntT(&s->following, 0, 1) == 0 &&
         callbackRequest(&s->followCallback))
         epicsAtomicSetIntT(&s->following, 0);
 }
@@ -1057,6 +1058,8 @@ void plcStationThread(void *arg)
             if (s->valid)
                 plcScanRequestAll(s->inScan);
             plcScanRequestAll(s->statusScan);
+            if (epicsAtomicGetIntT(&s->leads))
+                requestFollow(s, 0);
         }
         if (s->policyWake && s->looked >= s->policyWake)
             tellPolicy(s, plcEventTick, 0, now);
