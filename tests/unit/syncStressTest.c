@@ -1,14 +1,15 @@
-/* The sync handshake under random episodes: a real station of the driver against a real PLC
- * of the simulator, over TCP on loopback. Restarts of either side, broken connections,
- * LOCAL and REMOTE, the HMI, puts, and faults of the wire come in any order.
+/* The sync handshake under random episodes: a real station of the driver against a real
+ * PLC of the simulator, over TCP on loopback. Restarts of either side, broken
+ * connections, LOCAL and REMOTE, the HMI, puts, and faults of the wire come in any order.
  *
- * The property is checked where it counts: at each change of PLC memory. Every put and every
- * change at the HMI has a number of its own, counted up, in its value. A block from the IOC
- * may move a setpoint only to a put that was accepted, and that is newer than everything the
- * HMI has done and than every put before. So neither yesterday's values nor a put of before
- * a loss ever get there. When the faults are over, both must find each other.
+ * The property is checked where it counts: at each change of PLC memory. Every put and
+ * every change at the HMI has a number of its own, counted up, in its value. A block from
+ * the IOC may move a setpoint only to a put that was accepted, and that is newer than
+ * everything the HMI has done and than every put before. So neither yesterday's values
+ * nor a put of before a loss ever get there. When the faults are over, both must find
+ * each other.
  *
- * Arguments: number of episodes (default 300, or PLCLINK_EPISODES), seed (from the clock).
+ * Arguments: number of episodes (300, or PLCLINK_EPISODES), seed (from the clock).
  * One thread plays the PLC, the HMI and the client; the station has its own.
  */
 #include <stdio.h>
@@ -50,11 +51,11 @@ static plcStation *station;
 static int port;
 static unsigned long long state;
 
-static epicsUInt32 number;              /* the last that was used */
-static epicsUInt32 memory[POINTS];      /* PLC memory, as seen last */
-static epicsUInt32 lastHmi;             /* number of the HMI's last change */
-static epicsUInt32 lastTaken[POINTS];   /* number of the last put that came through */
-static epicsUInt8 *accepted;            /* per number: the put had no alarm */
+static epicsUInt32 number;            /* the last that was used */
+static epicsUInt32 memory[POINTS];    /* PLC memory, as seen last */
+static epicsUInt32 lastHmi;           /* number of the HMI's last change */
+static epicsUInt32 lastTaken[POINTS]; /* number of the last put that came through */
+static epicsUInt8 *accepted;          /* per number: the put had no alarm */
 static size_t acceptedSize;
 static char failure[200];
 static unsigned taken, refused, putCount, hmiChanges, iocRestarts, plcRestarts, breaks;
@@ -90,14 +91,15 @@ static void look(void)
         memory[i] = plcHolds(i);
 }
 
-/* --- The property -----------------------------------------------------------------------*/
+/* --- The property
+ * -----------------------------------------------------------------------*/
 
 static void judge(int i, epicsUInt32 value)
 {
     epicsUInt32 n = value & NUMBER;
     const char *what = NULL;
 
-    if ((value & ~NUMBER) == HMI) { /* at a moment of the program that it had waited for */
+    if ((value & ~NUMBER) == HMI) { /* at the moment that it had waited for */
         lastHmi = number;
         return;
     }
@@ -130,7 +132,8 @@ static void onChanged(void *arg)
     look();
 }
 
-/* --- The actors -------------------------------------------------------------------------*/
+/* --- The actors
+ * -------------------------------------------------------------------------*/
 
 static void command(const char *format, ...)
 {
@@ -194,14 +197,16 @@ static void option(const char *key, const char *value)
 /* An IOC comes up with values of yesterday in its output image. */
 static void iocStarts(void)
 {
-    plcStationConfig config = {.name = "PLC",
-                               .address = {"127.0.0.1", ""},
-                               .port = port,
-                               .inSize = 24,
-                               .outSize = 20,
-                               .bigEndian = 1,
-                               .recvTimeout = 100,
-                               .sendInterval = 1};
+    plcStationConfig config = {
+        .name = "PLC",
+        .address = {"127.0.0.1", ""},
+        .port = port,
+        .inSize = 24,
+        .outSize = 20,
+        .bigEndian = 1,
+        .recvTimeout = 100,
+        .sendInterval = 1
+    };
     int i;
 
     station = plcStationCreate(&config);
@@ -240,11 +245,10 @@ static void wireBreaks(void)
 
 static void wireFails(void)
 {
-    static const char *const ways[] = {"silence",    "silence off", "delay 3",
-                                       "delay off",  "fragment 5 1", "fragment off",
-                                       "stall",      "stall off",    "refuse",
-                                       "refuse off", "refuse sync",  "refuse sync off",
-                                       "unplug",     "plug",         "normal"};
+    static const char *const ways[] = {
+        "silence",      "silence off",     "delay 3",   "delay off", "fragment 5 1",
+        "fragment off", "stall",           "stall off", "refuse",    "refuse off",
+        "refuse sync",  "refuse sync off", "unplug",    "plug",      "normal"};
 
     command(ways[randomBelow(sizeof(ways) / sizeof(ways[0]))]);
 }
@@ -259,8 +263,15 @@ static void act(void)
     static const struct {
         void (*fn)(void);
         unsigned weight;
-    } actors[] = {{clientPuts, 40},  {hmi, 20},        {localRemote, 8}, {wireBreaks, 6},
-                  {wireFails, 10},   {plcAgain, 2}, {iocAgain, 4}};
+    } actors[] = {
+        {clientPuts,  40},
+        {hmi,         20},
+        {localRemote, 8 },
+        {wireBreaks,  6 },
+        {wireFails,   10},
+        {plcAgain,    2 },
+        {iocAgain,    4 }
+    };
     unsigned draw = randomBelow(90), i = 0;
 
     while (draw >= actors[i].weight)
@@ -268,7 +279,8 @@ static void act(void)
     actors[i].fn();
 }
 
-/* --- Episodes ---------------------------------------------------------------------------*/
+/* --- Episodes
+ * ---------------------------------------------------------------------------*/
 
 static int bothEqual(void)
 {
@@ -290,13 +302,13 @@ static int synced(void)
     return stats.syncState == 3 && sim.plc[0].program.synced;
 }
 
-#define runUntil(condition, what)                                                         \
-    do {                                                                                  \
-        double end = simNow() + PATIENCE_S;                                               \
-        while (!(condition) && simNow() < end)                                            \
-            run(0.002);                                                                   \
-        if (!(condition) && !failure[0])                                                  \
-            epicsSnprintf(failure, sizeof(failure), "never: %s", what);                   \
+#define runUntil(condition, what)                                                        \
+    do {                                                                                 \
+        double end = simNow() + PATIENCE_S;                                              \
+        while (!(condition) && simNow() < end)                                           \
+            run(0.002);                                                                  \
+        if (!(condition) && !failure[0])                                                 \
+            epicsSnprintf(failure, sizeof(failure), "never: %s", what);                  \
     } while (0)
 
 static int imageHolds(int i, epicsUInt32 value)
@@ -307,8 +319,8 @@ static int imageHolds(int i, epicsUInt32 value)
     return ntohl(wire) == value;
 }
 
-/* Once the faults are over a put gets through; the first ones may be overtaken by what the
- * HMI is still about to do, and then the output holds the PLC's value again. */
+/* Once the faults are over a put gets through; the first ones may be overtaken by what
+ * the HMI is still about to do, and then the output holds the PLC's value again. */
 static void settle(void)
 {
     double end = simNow() + PATIENCE_S;
@@ -345,7 +357,8 @@ static int episode(void)
     return failure[0] == 0;
 }
 
-/* --- The PLC ----------------------------------------------------------------------------*/
+/* --- The PLC
+ * ----------------------------------------------------------------------------*/
 
 static void plcStarts(void)
 {
@@ -395,10 +408,13 @@ MAIN(syncStressTest)
         ;
     if (failure[0])
         testDiag("episode %lu: %s", i, failure);
-    testDiag("%lu episodes in %.0f s: %u puts (%u refused), %u taken; HMI %u; restarts of "
-             "the IOC %u, of the PLC %u; breaks %u", i, simNow() - begin, putCount, refused,
-             taken, hmiChanges, iocRestarts, plcRestarts, breaks);
-    testOk(i == episodes, "the PLC never took a setpoint but a client's put after SYNC, and "
+    testDiag(
+        "%lu episodes in %.0f s: %u puts (%u refused), %u taken; HMI %u; restarts of "
+        "the IOC %u, of the PLC %u; breaks %u",
+        i, simNow() - begin, putCount, refused, taken, hmiChanges, iocRestarts,
+        plcRestarts, breaks);
+    testOk(i == episodes,
+           "the PLC never took a setpoint but a client's put after SYNC, and "
            "after each episode both sides found each other");
     testOk(taken > episodes / 2, "many puts got through");
     plcStationsDestroy();
