@@ -19,11 +19,12 @@ ifneq ($(filter demo demo-% test bench,$(MAKECMDGOALS)),)
 
   # Each of these brings everything it needs; they are not part of the EPICS build.
   .PHONY: demo demo-redundant demo-sync test bench
-  demo: ; @+$(MAKE) -s all && exec iocBoot/iocS7plc/demo
-  demo-redundant: ; @+$(MAKE) -s all && exec iocBoot/iocPhoenix/demo
-  demo-sync: ; @+$(MAKE) -s all && exec iocBoot/iocSync/demo
+  BUILD = echo "== build" && $(MAKE) -s $(if $(findstring -j,$(MAKEFLAGS)),,-j$(shell nproc)) all
+  demo: ; @+$(BUILD) && exec iocBoot/iocS7plc/demo
+  demo-redundant: ; @+$(BUILD) && exec iocBoot/iocPhoenix/demo
+  demo-sync: ; @+$(BUILD) && exec iocBoot/iocSync/demo
   test: ; @+tests/run
-  bench: ; @+$(MAKE) -s all && exec tests/bench/run
+  bench: ; @+$(BUILD) && exec tests/bench/run
 else ifeq ($(wildcard configure/RELEASE.local ../RELEASE.local)$(EPICS_BASE),)
   .DEFAULT_GOAL := missing
   .PHONY: missing
