@@ -209,7 +209,7 @@ def test_trickle(new_peer, new_ioc, monitor):
     peer.every(period, b"\x55")
     watch = Watch(ioc)
     watch.during(SECONDS)
-    ioc.wait_alarm("in", "INVALID", "COMM")
+    ioc.wait_alarm("scanned", "INVALID", "COMM")
     reason = ioc.command("s7plcReport PLC 1")
     assert f"last error: no block for {timeout / 1000:.1f} s" in reason, reason
     watch.check()
@@ -227,10 +227,10 @@ def test_short_blocks(new_peer, new_ioc, monitor):
     values = monitor(ioc, "in")
     peer.wait_connected()
     peer.every(0.02, struct.pack(">i", 7) + bytes([0xEE] * 56))
-    ioc.wait_alarm("in", "INVALID", "COMM", "PLC sends 60 bytes, inSize is 64")
+    ioc.wait_alarm("scanned", "INVALID", "COMM", "PLC sends 60 bytes, inSize is 64")
     watch = Watch(ioc)
     watch.during(SECONDS)
-    assert ioc.alarm("in") == ("INVALID", "COMM", "PLC sends 60 bytes, inSize is 64")
+    assert ioc.alarm("scanned") == ("INVALID", "COMM", "PLC sends 60 bytes, inSize is 64")
     watch.check()
     assert set(values.good()) <= {7}, values.good()
     assert_calm(ioc)
@@ -248,7 +248,7 @@ def test_size_changes(new_peer, new_ioc, monitor):
     peer.every(0.02, struct.pack(">i", 7) + bytes([0xEE] * 60))
     ioc.wait_value("in", 7)
     peer.every(0.02, struct.pack(">i", 7) + bytes([0xEE] * 56))
-    ioc.wait_alarm("in", "INVALID", "COMM", "PLC sends 60 bytes, inSize is 64")
+    ioc.wait_alarm("scanned", "INVALID", "COMM", "PLC sends 60 bytes, inSize is 64")
     sliding = [value for value in values.good() if value != 7]
     print(f"{len(sliding)} sliding values before the size was known")
     assert len(sliding) <= 3, sliding
@@ -266,7 +266,7 @@ def test_babble(new_peer, new_ioc):
     ioc = new_ioc(peer.configure(), BASICS)
     peer.wait_connected()
     peer.every(0.005, babble(1))
-    ioc.wait_alarm("in", "INVALID", "COMM", "PLC sends ", limit=max(LIMIT, SECONDS))
+    ioc.wait_alarm("scanned", "INVALID", "COMM", "PLC sends ", limit=max(LIMIT, SECONDS))
     watch = Watch(ioc)
     watch.during(SECONDS)
     watch.check()
@@ -322,7 +322,7 @@ def test_black_hole(black_hole, new_ioc):
     watch = Watch(ioc)
     numbers = iter(range(1, 1000000))
     watch.during(SECONDS, lambda: ioc.put("out", next(numbers)))
-    ioc.wait_alarm("in", "INVALID", "COMM", "PLC does not answer")
+    ioc.wait_alarm("scanned", "INVALID", "COMM", "PLC does not answer")
     watch.check()
     assert_calm(ioc)
 
@@ -353,7 +353,7 @@ def test_dns(silent_dns, new_ioc):
     numbers = iter(range(1, 1000000))
     watch.during(SECONDS, lambda: ioc.put("out", next(numbers)))
     watch.check()
-    ioc.wait_alarm("in", "INVALID", "COMM", 'no address for host "plc.example.org"')
+    ioc.wait_alarm("scanned", "INVALID", "COMM", 'no address for host "plc.example.org"')
     assert_calm(ioc)
 
 
@@ -576,7 +576,7 @@ def test_exit_black_hole(black_hole, new_ioc):
     """exit while the connect is not answered"""
     ioc = new_ioc(f's7plcConfigure("PLC", "127.0.0.1", {black_hole.port}, 64, 64, 1, 2000, 100)',
                   BASICS)
-    ioc.wait_alarm("in", "INVALID", "COMM")
+    ioc.wait_alarm("scanned", "INVALID", "COMM")
     exits(ioc)
 
 
@@ -585,7 +585,7 @@ def test_exit_refused(new_peer, new_ioc):
     peer = new_peer(64, 64)
     peer.power_off()
     ioc = new_ioc(peer.configure(), BASICS)
-    ioc.wait_alarm("in", "INVALID", "COMM", "refused")
+    ioc.wait_alarm("scanned", "INVALID", "COMM", "refused")
     exits(ioc)
 
 
