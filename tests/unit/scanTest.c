@@ -132,14 +132,22 @@ static longinRecord *sequence[OWN];
 static int numSequence;
 static epicsThreadId processedBy;
 
+static void noteOwn(longinRecord *prec)
+{
+    epicsMutexMustLock(own.lock);
+    if (numSequence < OWN) {
+        sequence[numSequence++] = prec;
+        processedBy = epicsThreadGetIdSelf();
+    }
+    epicsMutexUnlock(own.lock);
+}
+
 static long readLongin(longinRecord *prec)
 {
     prec->val++;
     prec->udf = 0;
-    if (((place *)prec->dpvt)->p == &own && numSequence < OWN) {
-        sequence[numSequence++] = prec;
-        processedBy = epicsThreadGetIdSelf();
-    }
+    if (((place *)prec->dpvt)->p == &own)
+        noteOwn(prec);
     if (prec == gateRecord) {
         epicsEventMustTrigger(gateReached);
         epicsEventMustWait(gateOpen);
