@@ -26,16 +26,17 @@ typedef size_t word;
 #define WORD sizeof(word)
 #define WORDS(size) (((size) + WORD - 1) / WORD)
 #define STAMP_WORDS WORDS(sizeof(epicsTimeStamp))
-#define TRIES 3 /* then a reader takes the lock: blocks may come faster than it copies */
+#define TRIES 3 /* then a reader takes the lock: blocks may come faster than it copies   \
+                 */
 
 struct plcImage {
-    word *words[2];  /* atomic; the stamp of the block, then its bytes */
-    word blocks;     /* atomic */
-    int valid;       /* atomic */
+    word *words[2]; /* atomic; the stamp of the block, then its bytes */
+    word blocks;    /* atomic */
+    int valid;      /* atomic */
     size_t size;
     epicsMutexId lock; /* guards the rest */
     int dirty;
-    int closed; /* writes are refused */
+    int closed;                   /* writes are refused */
     char reason[PLC_REASON_SIZE]; /* "" when valid */
 };
 

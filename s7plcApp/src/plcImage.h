@@ -48,8 +48,8 @@ void plcImageInvalidate(plcImage *image, const char *reason);
 /* --- Output: records write, the station takes --------------------------------------- */
 
 /* Writes `length` bytes at `offset`, only the bits that are set in `mask` (NULL: all).
- * Returns 1 when this is the first write since plcImageTake, else 0; or -1 when the image is
- * closed: then nothing was written. */
+ * Returns 1 when this is the first write since plcImageTake, else 0; or -1 when the image
+ * is closed: then nothing was written. */
 int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src,
                   const void *mask);
 

@@ -27,10 +27,10 @@
 #include "plcScan.h"
 
 #define ALL_PRIOS ((1u << NUM_CALLBACK_PRIORITIES) - 1)
-#define WORD 8            /* bytes; the index knows which groups touch a word */
-#define CHUNK 512         /* bytes compared at once; a multiple of WORD */
-#define WIDE (8 * WORD)   /* groups longer than this are not in the index */
-#define BATCH 64          /* records copied under the lock, then processed without it */
+#define WORD 8          /* bytes; the index knows which groups touch a word */
+#define CHUNK 512       /* bytes compared at once; a multiple of WORD */
+#define WIDE (8 * WORD) /* groups longer than this are not in the index */
+#define BATCH 64        /* records copied under the lock, then processed without it */
 
 #define HERE_RECORDS 2000 /* a pass of more is not for the thread that asks for it; */
 #define HERE_NS 5000000   /* after one that took longer, nor are */
@@ -54,7 +54,7 @@ typedef struct group {
     epicsUInt32 offset, length;
     struct group *next; /* in its hash bucket */
     dbCommon **records;
-    dbCommon *only;     /* where `records` points to while there is room for one */
+    dbCommon *only; /* where `records` points to while there is room for one */
     epicsUInt32 room;
     epicsUInt32 count[NUM_CALLBACK_PRIORITIES]; /* of `records` */
     epicsUInt8 pending; /* priorities that wait; not 0: is in scan->pending */
@@ -89,7 +89,7 @@ struct plcScan {
     plcScanDone *done;
     void *pvt;
     int byRange;
-    IOSCANPVT parked; /* where Base keeps the records that we process; never scanned */
+    IOSCANPVT parked;   /* where Base keeps the records that we process; never scanned */
     epicsThreadId here; /* passes it asks for may run in this thread; NULL: in none */
     unsigned herePause; /* passes until that is tried again */
     part part[NUM_CALLBACK_PRIORITIES];
@@ -112,7 +112,7 @@ struct plcScan {
     group **buckets; /* hash of (offset, length); a power of 2 */
     size_t numBuckets;
 
-    int indexOld;       /* groups came since the index was built */
+    int indexOld;           /* groups came since the index was built */
     epicsUInt32 *wordStart; /* word i has the groups wordGroups[wordStart[i] .. [i+1]) */
     group **wordGroups;
     group **wide;
@@ -674,7 +674,8 @@ static unsigned nextTargets(plcScan *scan, part *own, target targets[BATCH])
 
 /* Has the cache fetch the fields of record number i. These two help, and do nothing else.
  * Always inline: gcc 12 takes a call without effects out. */
-static EPICS_ALWAYS_INLINE void fetchFields(const target targets[], unsigned n, unsigned i)
+static EPICS_ALWAYS_INLINE void fetchFields(const target targets[], unsigned n,
+                                            unsigned i)
 {
     const char *prec = i < n ? (const char *)targets[i].record : NULL;
     size_t at;
@@ -684,7 +685,8 @@ static EPICS_ALWAYS_INLINE void fetchFields(const target targets[], unsigned n, 
 }
 
 /* The same for what its fields point to. */
-static EPICS_ALWAYS_INLINE void fetchTargets(const target targets[], unsigned n, unsigned i)
+static EPICS_ALWAYS_INLINE void fetchTargets(const target targets[], unsigned n,
+                                             unsigned i)
 {
     const dbCommon *prec = i < n ? targets[i].record : NULL;
 

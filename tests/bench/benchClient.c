@@ -69,8 +69,9 @@ static void monitor(char *names)
 
     for (; name; name = strtok(NULL, " ")) {
         SEVCHK(ca_create_channel(name, NULL, (void *)(size_t)numPvs, 0, &id), name);
-        SEVCHK(ca_create_subscription(DBR_DOUBLE, 1, id, DBE_VALUE, update,
-                                      calloc(1, 1), NULL), name);
+        SEVCHK(ca_create_subscription(DBR_DOUBLE, 1, id, DBE_VALUE, update, calloc(1, 1),
+                                      NULL),
+               name);
         numPvs++;
     }
     ca_flush_io();

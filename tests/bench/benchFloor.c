@@ -116,9 +116,18 @@ static long readLongin(longinRecord *prec)
     return 0;
 }
 
-static aidset devFloorAi = {{6, NULL, NULL, initRecord, ioInfo}, readAi, NULL};
-static bidset devFloorBi = {{5, NULL, NULL, initRecord, ioInfo}, readBi};
-static longindset devFloorLongin = {{5, NULL, NULL, initRecord, ioInfo}, readLongin};
+static aidset devFloorAi = {
+    {6, NULL, NULL, initRecord, ioInfo},
+    readAi, NULL
+};
+static bidset devFloorBi = {
+    {5, NULL, NULL, initRecord, ioInfo},
+    readBi
+};
+static longindset devFloorLongin = {
+    {5, NULL, NULL, initRecord, ioInfo},
+    readLongin
+};
 epicsExportAddress(dset, devFloorAi);
 epicsExportAddress(dset, devFloorBi);
 epicsExportAddress(dset, devFloorLongin);

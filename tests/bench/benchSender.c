@@ -36,8 +36,8 @@
 typedef struct station {
     int listener, socket; /* socket: -1 not connected */
     uint32_t sequence;
-    int left;        /* blocks to send */
-    double due;      /* when the next one leaves */
+    int left;              /* blocks to send */
+    double due;            /* when the next one leaves */
     unsigned char in[256]; /* block from the IOC, as far as it came */
     int fill;
     double lastPut;
