@@ -26,8 +26,7 @@ typedef size_t word;
 #define WORD sizeof(word)
 #define WORDS(size) (((size) + WORD - 1) / WORD)
 #define STAMP_WORDS WORDS(sizeof(epicsTimeStamp))
-#define TRIES 3 /* then a reader takes the lock: blocks may come faster than it copies   \
-                 */
+#define TRIES 3 /* before a reader takes the lock: blocks come too fast for it */
 
 struct plcImage {
     word *words[2]; /* atomic; the stamp of the block, then its bytes */
