@@ -380,10 +380,12 @@ static void followNow(epicsCallback *callback)
 void plcStationOnTake(plcStation *s, void (*follow)(plcStation *station))
 {
     epicsMutexMustLock(s->lock);
-    callbackSetCallback(followNow, &s->followCallback);
-    callbackSetPriority(priorityMedium, &s->followCallback);
-    callbackSetUser(s, &s->followCallback);
-    s->follow = follow;
+    if (!s->follow) { /* the callback may be in use from now on */
+        callbackSetCallback(followNow, &s->followCallback);
+        callbackSetPriority(priorityMedium, &s->followCallback);
+        callbackSetUser(s, &s->followCallback);
+        s->follow = follow;
+    }
     epicsMutexUnlock(s->lock);
 }
 
