@@ -52,17 +52,17 @@ struct plcStation {
     plcReadback *readback;
     epicsCallback followCallback;
     void (*follow)(plcStation *); /* NULL: no record follows read-backs */
-    int following; /* atomic: the callback is queued */
+    int following;                /* atomic: the callback is queued */
     plcScan *inScan, *outScan, *statusScan, *statsScan;
     plcUsers *users;
 
     /* from any thread to ours */
     int wakePipe[2];
-    int woken;    /* atomic: a byte is in the pipe already */
-    int stop;     /* atomic */
-    int running;  /* atomic: PINI is over, scans are on */
-    int sendNow;  /* atomic: s7plcSend */
-    int written;  /* atomic: an output without read-back was written since start */
+    int woken;   /* atomic: a byte is in the pipe already */
+    int stop;    /* atomic */
+    int running; /* atomic: PINI is over, scans are on */
+    int sendNow; /* atomic: s7plcSend */
+    int written; /* atomic: an output without read-back was written since start */
     epicsEventId ended;
     int started;
 
@@ -73,10 +73,10 @@ struct plcStation {
     char address[PLC_LINKS_MAX][PLC_NAME_MAX + 1]; /* host as configured */
     int plus[PLC_LINKS_MAX];
     int port[PLC_LINKS_MAX];
-    int moved;   /* an address or a port is new */
+    int moved;                     /* an address or a port is new */
     char reason[PLC_REASON_SIZE];  /* why not connected */
     char refusal[PLC_REASON_SIZE]; /* why puts are refused, "": they are not */
-                       /* ... to here */
+                                   /* ... to here */
     int leads;   /* atomic: a line leads, or another is about to; for record threads */
     int waiting; /* atomic: the thread waits for the end of a scan pass */
     int taken;   /* atomic: the output image holds what the PLC has shown */
@@ -84,28 +84,28 @@ struct plcStation {
     /* owned by the thread */
     plcOptions now; /* its copy of the options */
     plcLine lines[PLC_LINKS_MAX];
-    int leader;               /* index of the leading line, -1 none */
-    int lastLeader;           /* the same, or the last that led */
-    epicsUInt64 looked;       /* all that came in until then was seen */
-    int valid;                /* the input image is valid */
-    int frozen;               /* the alive word stands still */
-    plcSync sync;             /* with sync=on */
-    epicsUInt64 syncSince;    /* when its state began */
-    int syncDoubted;          /* "does not agree" has been said in this state */
-    epicsUInt64 lastBlock;    /* of any leader; 0: none since data was lost */
-    epicsUInt64 lastDeliver;  /* when records got their last block */
-    epicsUInt64 lastAlive;    /* when the alive word last changed; 0: not seen yet */
+    int leader;              /* index of the leading line, -1 none */
+    int lastLeader;          /* the same, or the last that led */
+    epicsUInt64 looked;      /* all that came in until then was seen */
+    int valid;               /* the input image is valid */
+    int frozen;              /* the alive word stands still */
+    plcSync sync;            /* with sync=on */
+    epicsUInt64 syncSince;   /* when its state began */
+    int syncDoubted;         /* "does not agree" has been said in this state */
+    epicsUInt64 lastBlock;   /* of any leader; 0: none since data was lost */
+    epicsUInt64 lastDeliver; /* when records got their last block */
+    epicsUInt64 lastAlive;   /* when the alive word last changed; 0: not seen yet */
     epicsInt64 aliveWord;
-    char *held;               /* a block that waits for minUpdate or wholeBlock */
+    char *held; /* a block that waits for minUpdate or wholeBlock */
     int holding;
     epicsTimeStamp heldStamp;
-    epicsUInt64 dirtySince;   /* 0: output image not written */
-    epicsUInt64 lastSend;     /* 0: nothing sent on this connection */
+    epicsUInt64 dirtySince; /* 0: output image not written */
+    epicsUInt64 lastSend;   /* 0: nothing sent on this connection */
     epicsUInt64 nextOutScan;
     epicsUInt64 nextStatsScan;
     int toldState, toldLeader; /* when statistics were last scanned */
-    epicsUInt64 policyWake;   /* 0: none */
-    unsigned logTokens;       /* log lines that may still be written this minute */
+    epicsUInt64 policyWake;    /* 0: none */
+    unsigned logTokens;        /* log lines that may still be written this minute */
     unsigned logDropped;
     epicsUInt64 logRefill;
 };
@@ -119,5 +119,81 @@ void plcStationGate(plcStation *station);
 
 /* Makes the thread look around. Any thread, also with locks held. */
 void plcStationWake(void *station);
+
+/* --- Time: monotonic, in ns
+ * ---------------------------------------------------------------*/
+
+#define PLC_NS_PER_MS 1e6
+#define PLC_NEVER ((epicsUInt64) - 1)
+
+static inline epicsUInt64 plcMsToNs(double ms)
+{
+    return (epicsUInt64)(ms * PLC_NS_PER_MS);
+}
+
+/* Steps set the time when they want to be called again. */
+static inline void plcEarlier(epicsUInt64 *wake, epicsUInt64 time)
+{
+    if (time < *wake)
+        *wake = time;
+}
+
+static inline int plcStationIsPair(const plcStation *s)
+{
+    return s->policy->links > 1;
+}
+
+/* --- plcStationInput.c: from a block to the records; the thread only
+ * ----------------------*/
+
+/* `count` whole blocks came from the PLC that leads; `block` is the newest, taken at
+ * stamp. */
+void plcInputBlock(plcStation *s, const void *block, epicsTimeStamp stamp, size_t count,
+                   epicsUInt64 now);
+
+/* The time stamp for a block that came just now: its arrival, or the PLC's own clock. */
+epicsTimeStamp plcInputStamp(plcStation *s, const char *block);
+
+/* The data is not to be used, or there is a better reason why not. */
+void plcInputInvalidate(plcStation *s, int state, const char *reason);
+void plcInputSetState(plcStation *s, int state);
+
+/* For record threads, after leader or validity changed: outputs go somewhere, or not. */
+void plcInputSetLeads(plcStation *s);
+
+/* Another PLC gets our output, or none. */
+void plcInputSyncLeader(plcStation *s, epicsUInt64 now);
+
+/* Output records are told that `places` of them took the PLC's value, or (0) that it is
+ * back. */
+void plcInputFollow(plcStation *s, unsigned places);
+
+/* Timers: a block that was held back; the alive word. */
+void plcInputHoldStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake);
+void plcInputAliveStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake);
+
+/* --- plcStationLines.c: the connections; the thread only
+ * ----------------------------------*/
+
+/* (Re)creates what finds the address of line i, after it changed. */
+void plcLineAddress(plcStation *s, unsigned i, epicsUInt64 now);
+
+/* Timers of line i: connect, give up, silence. */
+void plcLineStep(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64 *wake);
+
+/* The data of a pair lives on for recvTimeout without a leader. */
+void plcLineDataStep(plcStation *s, epicsUInt64 *wake);
+
+/* poll() reported something about line i. */
+void plcLineReady(plcStation *s, unsigned i, short revents, epicsUInt64 now);
+
+/* Line i was up and is gone, or has to go: closes it and says why. */
+void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char *why);
+
+/* Something happened that the policy must know; the leader may change. */
+void plcLineTellPolicy(plcStation *s, plcEvent event, unsigned i, epicsUInt64 now);
+
+/* Why there is no connection, for AMSG and statistics. */
+void plcLineReason(plcStation *s, const char *reason);
 
 #endif /* INC_plcStationPvt_H */

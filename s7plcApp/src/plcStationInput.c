@@ -1,0 +1,327 @@
+/* From a block to the records: what the station's thread does with the data of the PLC
+ * that leads: time stamp, validity, alive word, read-back of outputs, sync handshake,
+ * delivery.
+ *
+ * Knows nothing of sockets. All functions run in the station's thread.
+ */
+#include <string.h>
+
+#include <epicsAtomic.h>
+#include <epicsStdio.h>
+#include <errlog.h>
+
+#include "plcClock.h"
+#include "plcStationPvt.h"
+
+/* A put may take this long, beyond the send interval, until the PLC shows it; ms. */
+#define PATIENCE_MS 1000
+
+/* So long a PLC may refuse before we say what may be wrong, ms. */
+#define SYNC_DOUBT_MS 5000
+
+/* Output records are told in a callback that the PLC is back, or that outputs took a
+ * value from it. Not while iocInit initialises them: it is made up for when the IOC runs.
+ */
+void plcInputFollow(plcStation *s, unsigned places)
+{
+    epicsMutexMustLock(s->lock);
+    s->stats.readbacks += places;
+    epicsMutexUnlock(s->lock);
+    if (epicsAtomicGetIntT(&s->running) && s->follow &&
+        epicsAtomicCmpAndSwapIntT(&s->following, 0, 1) == 0 &&
+        callbackRequest(&s->followCallback))
+        epicsAtomicSetIntT(&s->following, 0);
+}
+
+/* For record threads: outputs go somewhere, or soon will. While the data of a pair is
+ * valid, a new leader is expected, and it will get them. */
+void plcInputSetLeads(plcStation *s)
+{
+    int before = epicsAtomicGetIntT(&s->leads);
+    int leads = s->leader >= 0 || (plcStationIsPair(s) && s->valid);
+
+    epicsAtomicSetIntT(&s->leads, leads);
+    plcStationGate(s);
+    if (leads && !before)
+        plcInputFollow(s, 0);
+}
+
+void plcInputSetState(plcStation *s, int state)
+{
+    epicsMutexMustLock(s->lock);
+    s->stats.state = state;
+    s->stats.alive = state == plcStateOk;
+    epicsMutexUnlock(s->lock);
+}
+
+/* The data of the PLC is not to be used, or there is a better reason why not. I/O Intr
+ * records process once when data was lost, and never before there was any: sites hang
+ * chains on the first processing, which must see the first block. */
+void plcInputInvalidate(plcStation *s, int state, const char *reason)
+{
+    int lost = s->valid;
+
+    plcInputSetState(s, state);
+    s->holding = 0;
+    s->valid = 0;
+    epicsAtomicSetIntT(&s->taken, 0);
+    plcInputSetLeads(s);
+    plcImageInvalidate(s->in, reason);
+    if (lost)
+        plcScanRequestAll(s->inScan);
+    plcScanRequestAll(s->statusScan);
+}
+
+/* The time stamp of a block: its arrival, or the PLC's own clock. */
+epicsTimeStamp plcInputStamp(plcStation *s, const char *block)
+{
+    epicsTimeStamp arrival, plc;
+    int bad;
+
+    epicsTimeGetCurrent(&arrival);
+    if (s->now.timestamp < 0)
+        return arrival;
+    block += (size_t)s->now.timestamp;
+    bad = s->now.timestampFormat == plcClockIsDtl ? plcClockDtl(block, s->bigEndian, &plc)
+                                                  : plcClockDateAndTime(block, &plc);
+    epicsMutexMustLock(s->lock);
+    if (bad)
+        s->stats.clockErrors++;
+    else
+        s->stats.clockOffset = epicsTimeDiffInSeconds(&plc, &arrival);
+    epicsMutexUnlock(s->lock);
+    return bad ? arrival : plc;
+}
+
+/* Hands a block to the records. */
+static void deliver(plcStation *s, const void *block, const epicsTimeStamp *stamp,
+                    epicsUInt64 now)
+{
+    const void *before = plcImageBytes(s->in);
+    int changesOnly = s->valid;
+    int coalesced;
+
+    plcImagePublish(s->in, block, stamp);
+    if (!s->valid)
+        plcInputSetState(s, plcStateOk);
+    s->valid = 1;
+    s->holding = 0;
+    s->lastDeliver = now;
+    coalesced = changesOnly
+                    ? plcScanRequestChanged(s->inScan, before, plcImageBytes(s->in))
+                    : plcScanRequestAll(s->inScan);
+    if (!changesOnly)
+        plcScanRequestAll(s->statusScan);
+    if (coalesced) {
+        epicsMutexMustLock(s->lock);
+        s->stats.coalesced++;
+        epicsMutexUnlock(s->lock);
+    }
+}
+
+/* True when records may have a new block; else *wake may be set to the time they may. */
+static int mayDeliver(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
+{
+    epicsUInt64 due = s->lastDeliver + plcMsToNs(s->now.minUpdate);
+
+    if (!s->valid)
+        return 1;
+    if (s->now.minUpdate > 0 && now < due) {
+        plcEarlier(wake, due);
+        return 0;
+    }
+    if (!s->now.wholeBlock)
+        return 1;
+    epicsAtomicSetIntT(&s->waiting, 1);
+    if (plcScanBusy(s->inScan))
+        return 0;
+    epicsAtomicSetIntT(&s->waiting, 0);
+    return 1;
+}
+
+void plcInputHoldStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
+{
+    if (s->holding && mayDeliver(s, now, wake))
+        deliver(s, s->held, &s->heldStamp, now);
+}
+
+/* Watches the word that moves while the PLC program runs. Returns 1 when data is good. */
+static int aliveWord(plcStation *s, const char *block, epicsUInt64 now)
+{
+    epicsInt64 word;
+
+    if (s->now.alive < 0)
+        return 1;
+    word = plcGetInt(s->now.aliveType, block + (size_t)s->now.alive, s->bigEndian);
+    if (s->lastAlive && word == s->aliveWord)
+        return !s->frozen;
+    s->aliveWord = word;
+    s->lastAlive = now;
+    if (s->frozen)
+        plcStationLog(s, errlogInfo, "alive again");
+    s->frozen = 0;
+    return 1;
+}
+
+void plcInputAliveStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
+{
+    epicsUInt64 due = s->lastAlive + plcMsToNs(s->now.aliveTimeout);
+
+    if (s->now.alive < 0 || !s->lastAlive || s->frozen || !s->valid)
+        return;
+    if (now < due) {
+        plcEarlier(wake, due);
+        return;
+    }
+    s->frozen = 1;
+    plcStationLog(s, errlogMajor, "frozen: blocks come, but the alive word stands still");
+    plcInputInvalidate(s, plcStateFrozen, "PLC frozen: alive word stands still");
+}
+
+/* The outputs take what the PLC shows. */
+static void takeReadback(plcStation *s, const void *block)
+{
+    int first = !epicsAtomicGetIntT(&s->taken);
+    unsigned places;
+
+    /* What was put there before is void: no block leaves because of it. */
+    if (first && !epicsAtomicGetIntT(&s->written)) {
+        plcImageForget(s->out);
+        s->dirtySince = 0;
+    }
+    places = plcReadbackTake(s->readback, block, s->out);
+
+    epicsAtomicSetIntT(&s->taken, 1);
+    if (places || first)
+        plcInputFollow(s, places);
+}
+
+/* Outputs follow the PLC from block to block. */
+static void trackReadback(plcStation *s, const void *block, epicsUInt64 now)
+{
+    epicsUInt64 patience = plcMsToNs(s->now.sendInterval + PATIENCE_MS);
+    unsigned places = plcReadbackTrack(s->readback, block, s->out, now, patience);
+
+    if (places)
+        plcInputFollow(s, places);
+}
+
+/* The one place where the state of the handshake shows to others. */
+static void syncShow(plcStation *s, epicsUInt64 now)
+{
+    int before, remote = (s->sync.flags & plcFlagRemote) != 0;
+    char text[120];
+
+    epicsMutexMustLock(s->lock);
+    before = s->stats.syncState;
+    s->stats.syncState = s->sync.state;
+    s->stats.remote = remote;
+    if (before != (int)s->sync.state)
+        s->stats.syncSince = now;
+    s->stats.syncs += s->sync.state == plcSyncSynced && before != plcSyncSynced;
+    s->stats.syncsLost += s->sync.state != plcSyncSynced && before == plcSyncSynced;
+    epicsMutexUnlock(s->lock);
+    if (before == (int)s->sync.state)
+        return;
+    s->syncSince = now;
+    s->syncDoubted = 0;
+    plcStationGate(s);
+    epicsSnprintf(text, sizeof(text), "sync: %s -> %s%s", plcSyncStateName(before),
+                  plcSyncStateName(s->sync.state),
+                  s->sync.flags & plcFlagTimeout ? " (the PLC's watchdog had expired)"
+                                                 : "");
+    if (s->sync.state == plcSyncLayoutMismatch)
+        epicsSnprintf(text, sizeof(text),
+                      "sync: the PLC has layout id %u, the IOC %u; "
+                      "nothing is sent",
+                      s->sync.theirs, s->sync.layout);
+    plcStationLog(s, s->sync.state == plcSyncLayoutMismatch ? errlogMajor : errlogInfo,
+                  text);
+    plcScanRequestAll(s->statusScan);
+}
+
+/* A PLC that never agrees compares something that we do not read back. Says so once. */
+static void syncDoubt(plcStation *s, epicsUInt64 now)
+{
+    if (s->sync.state != plcSyncChecking || s->syncDoubted ||
+        now - s->syncSince < plcMsToNs(SYNC_DOUBT_MS))
+        return;
+    s->syncDoubted = 1;
+    plcStationLog(
+        s, errlogMinor,
+        "sync: the PLC does not agree. Does it show every setpoint "
+        "that it compares, and has each an output record with R= or readback=?");
+}
+
+/* Another PLC gets our output (leader >= 0), or none. */
+void plcInputSyncLeader(plcStation *s, epicsUInt64 now)
+{
+    if (!s->now.sync)
+        return;
+    if (s->leader >= 0)
+        plcSyncConnected(&s->sync);
+    else
+        plcSyncLost(&s->sync);
+    syncShow(s, now);
+}
+
+/* What the block says of our outputs. Returns 1 when its data is good. Before the PINI
+ * run is over nothing is taken: its values would come later and count as puts. */
+static int outputsFollow(plcStation *s, const void *block, epicsUInt64 now)
+{
+    int todo, same;
+
+    if (!epicsAtomicGetIntT(&s->running))
+        return 1;
+    if (!s->now.sync && plcReadbackCount(s->readback)) {
+        if (!epicsAtomicGetIntT(&s->taken))
+            takeReadback(s, block);
+        else if (s->now.track)
+            trackReadback(s, block, now);
+    }
+    if (!s->now.sync)
+        return 1;
+    same =
+        s->sync.state == plcSyncChecking && plcReadbackSame(s->readback, block, s->out);
+    todo = plcSyncBlock(&s->sync, block, same, s->bigEndian);
+    syncShow(s, now); /* closes the image before it takes anything */
+    syncDoubt(s, now);
+    if (todo & plcSyncTake) {
+        takeReadback(s, block);
+        plcImageForget(s->out);
+        s->dirtySince = 0;
+    }
+    if (todo & plcSyncSend)
+        plcImageTouch(s->out);
+    return s->sync.state != plcSyncLayoutMismatch;
+}
+
+/* Whole blocks came from the PLC that leads; this is the newest. */
+void plcInputBlock(plcStation *s, const void *block, epicsTimeStamp stamp, size_t count,
+                   epicsUInt64 now)
+{
+    epicsUInt64 wake = PLC_NEVER;
+
+    epicsMutexMustLock(s->lock);
+    if (s->lastBlock)
+        plcStatsPeriod(&s->stats, (now - s->lastBlock) / PLC_NS_PER_MS / count);
+    s->stats.lastBlock = now;
+    s->stats.blockTime = stamp;
+    if (s->holding)
+        s->stats.coalesced++;
+    epicsMutexUnlock(s->lock);
+    s->lastBlock = now;
+    if (!outputsFollow(s, block, now)) {
+        plcInputInvalidate(s, plcStateLayout, plcSyncReason(plcSyncLayoutMismatch));
+        return;
+    }
+    if (!aliveWord(s, block, now))
+        return;
+    if (mayDeliver(s, now, &wake)) {
+        deliver(s, block, &stamp, now);
+    } else {
+        memcpy(s->held, block, s->inSize);
+        s->heldStamp = stamp;
+        s->holding = 1;
+    }
+}

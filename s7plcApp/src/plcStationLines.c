@@ -1,0 +1,458 @@
+/* The lines of a station: its connections to the PLC, or to both of a pair. When to
+ * connect, when to give up, what to make of what came in, and which of them leads.
+ *
+ * All functions run in the station's thread; none waits.
+ */
+#include <poll.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <epicsAtomic.h>
+#include <epicsStdio.h>
+#include <errlog.h>
+
+#include "plcStationPvt.h"
+
+/* Waits before attempts to connect, ms: the first at once, then up to the last. */
+static const unsigned backoff[] = {0, 50, 100, 200, 400, 700};
+
+/* A connection that lasted this long is a good one, ms. */
+#define SETTLED_MS 2000
+
+/* Records that have not processed so long after a loss have something else to do, ms. */
+#define LOSS_SEEN_MS 500
+
+/* Which PLC is meant, for log lines about one of a pair. */
+static const char *lineName(plcStation *s, unsigned i)
+{
+    static const char *const names[] = {"FIRST ", "SECOND "};
+
+    return plcStationIsPair(s) ? names[i] : "";
+}
+
+void plcLineReason(plcStation *s, const char *reason)
+{
+    epicsMutexMustLock(s->lock);
+    epicsSnprintf(s->reason, sizeof(s->reason), "%s", reason);
+    epicsSnprintf(s->stats.lastError, sizeof(s->stats.lastError), "%s", reason);
+    epicsMutexUnlock(s->lock);
+    plcStationGate(s);
+}
+
+/* This line leads no longer. What still is on its way to the PLC must not get there: not
+ * now, and not when its cable is plugged in again. And a connection that fell silent is
+ * made anew, so that it is known soon whether the PLC is there. */
+static void retire(plcStation *s, unsigned i, epicsUInt64 now)
+{
+    const plcConnection *c = &s->lines[i].connection;
+
+    if (c->state != plcConnectionUp)
+        return;
+    if (!plcConnectionDelivered(c))
+        plcLineLost(s, i, now, "leads no longer, output discarded");
+    else if (s->policy->suspect && s->policy->suspect(s->policyPvt, i))
+        plcLineLost(s, i, now, "fell silent, is connected anew");
+}
+
+/* The one place where the leader changes. */
+static void setLeader(plcStation *s, int leader, epicsUInt64 now)
+{
+    int before = s->lastLeader;
+
+    if (leader == s->leader)
+        return;
+    s->leader = leader;
+    if (leader >= 0)
+        s->lastLeader = leader;
+    epicsMutexMustLock(s->lock);
+    s->stats.leader = leader;
+    s->stats.connected = leader >= 0;
+    s->stats.connectedSince = leader >= 0 ? now : 0;
+    if (leader >= 0)
+        epicsTimeGetCurrent(&s->stats.connectTime);
+    epicsMutexUnlock(s->lock);
+    plcInputSetLeads(s);
+    plcInputSyncLeader(s, now);
+    if (leader >= 0) {
+        /* The new PLC gets what the old one had, at once. */
+        s->lastSend = 0;
+        s->dirtySince = 0;
+        epicsAtomicSetIntT(&s->sendNow, 0);
+        s->nextOutScan = now + plcMsToNs(s->now.sendInterval);
+        if (epicsAtomicGetIntT(&s->written) && !s->now.sync)
+            plcImageTouch(s->out);
+    }
+    plcScanRequestAll(s->statusScan);
+    if (leader >= 0 && before >= 0 && before != leader) {
+        s->lastAlive = 0; /* another PLC, another alive word */
+        retire(s, before, now);
+    }
+}
+
+void plcLineTellPolicy(plcStation *s, plcEvent event, unsigned i, epicsUInt64 now)
+{
+    int before = s->leader;
+    plcLine *line;
+
+    s->policyWake = 0;
+    setLeader(s, s->policy->step(s->policyPvt, event, i, now, &s->policyWake), now);
+    if (s->leader < 0 || s->leader == before)
+        return;
+    line = &s->lines[s->leader];
+    if (line->spared && event != plcEventBlock)
+        plcInputBlock(s, line->spare, line->spareStamp, 1, now);
+    line->spared = 0;
+}
+
+/* Sets the time of the next attempt: the first at once, then later and later. */
+static void retryLater(plcLine *line, epicsUInt64 now)
+{
+    unsigned last = sizeof(backoff) / sizeof(backoff[0]) - 1;
+
+    line->retryAt =
+        now + plcMsToNs(backoff[line->failures < last ? line->failures : last]);
+    line->failures++;
+}
+
+static int otherIsUp(plcStation *s, unsigned i)
+{
+    return plcStationIsPair(s) && s->lines[!i].connection.state == plcConnectionUp;
+}
+
+/* An attempt to connect failed, or an address could not be found. */
+static void lineFailed(plcStation *s, unsigned i, epicsUInt64 now, const char *why)
+{
+    plcLine *line = &s->lines[i];
+    char text[200];
+
+    retryLater(line, now);
+    epicsMutexMustLock(s->lock);
+    s->stats.connectErrors++;
+    epicsMutexUnlock(s->lock);
+    if (s->leader < 0 && !line->wrongSize)
+        plcLineReason(s, why);
+    if (!line->logged) {
+        line->logged = 1;
+        epicsSnprintf(text, sizeof(text),
+                      "cannot connect to %s%s%s port %d: %s; trying on", lineName(s, i),
+                      s->address[i], s->plus[i] ? "+1" : "", line->port, why);
+        plcStationLog(s, errlogMajor, text);
+    }
+    if (s->leader < 0 && !line->wrongSize &&
+        !(plcStationIsPair(s) && (s->valid || otherIsUp(s, i))))
+        plcInputInvalidate(s, plcStateConnecting, why);
+}
+
+/* A connection that was up is gone, or has to go: closes it and says so. */
+void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char *why)
+{
+    plcLine *line = &s->lines[i];
+    char text[200];
+    int led = (int)i == s->leader;
+
+    /* One that held for a while was good: a PLC that hangs up at once is tried slower. */
+    if (now - line->connection.since >= plcMsToNs(SETTLED_MS))
+        line->failures = 0;
+    epicsSnprintf(text, sizeof(text), "%sdisconnected: %s", lineName(s, i), why);
+    if (!line->fruitless)
+        plcStationLog(s, errlogMajor, text);
+    /* One that accepts connections and sends nothing says so once. */
+    line->fruitless = s->inSize && !plcStationIsPair(s) && !line->lastBlock;
+    /* No old block may reach one of a pair when another leads already. */
+    if (plcStationIsPair(s))
+        plcConnectionAbort(&line->connection, why, now);
+    else
+        plcConnectionClose(&line->connection, why, now);
+    line->lostAt = now;
+    line->lastBlock = 0;
+    line->spared = 0;
+    line->logged = 1;
+    retryLater(line, now);
+    epicsMutexMustLock(s->lock);
+    s->stats.disconnects++;
+    epicsMutexUnlock(s->lock);
+    plcLineReason(s, why);
+    plcLineTellPolicy(s, plcEventLost, i, now);
+    /* A pair keeps its data until recvTimeout: the other PLC may be about to take over.
+     */
+    if (led && s->leader < 0 && !plcStationIsPair(s)) {
+        s->lastBlock = 0;
+        plcInputInvalidate(s, line->wrongSize ? plcStateWrongSize : plcStateConnecting,
+                           why);
+    }
+}
+
+static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
+{
+    plcLine *line = &s->lines[i];
+    char text[200];
+
+    if (!line->wrongSize && !line->fruitless) {
+        if (line->lostAt)
+            epicsSnprintf(text, sizeof(text), "%sconnected to %s%s port %d, after %.1f s",
+                          lineName(s, i), s->address[i], s->plus[i] ? "+1" : "",
+                          line->port, (now - line->lostAt) * 1e-9);
+        else
+            epicsSnprintf(text, sizeof(text), "%sconnected to %s%s port %d",
+                          lineName(s, i), s->address[i], s->plus[i] ? "+1" : "",
+                          line->port);
+        plcStationLog(s, errlogInfo, text);
+    }
+    line->logged = 0;
+    line->lastBlock = 0;
+    s->frozen = 0;    /* the alive word may have stood still all the time; */
+    s->lastAlive = 0; /* judged from the first block of this connection on */
+    epicsMutexMustLock(s->lock);
+    s->stats.connects++;
+    epicsMutexUnlock(s->lock);
+    plcLineTellPolicy(s, plcEventConnected, i, now);
+    if (s->leader == (int)i && s->inSize && !s->valid && !line->wrongSize)
+        plcInputInvalidate(s, plcStateWaiting, "connected, waiting for first block");
+    if (s->leader == (int)i && !s->inSize) {
+        plcInputSetState(s, plcStateOk);
+        s->valid = 1; /* there is no data to wait for */
+        plcScanRequestAll(s->inScan);
+    }
+    if (plcStationIsPair(s) && s->leader < 0 && !s->valid)
+        plcInputInvalidate(s, plcStateNoPrimary, "no PRIMARY: neither PLC sends");
+}
+
+static void lineOpen(plcStation *s, unsigned i, epicsUInt64 now)
+{
+    plcLine *line = &s->lines[i];
+    struct in_addr host;
+    char error[80];
+    int known;
+
+    known = plcResolverAddress(line->resolver, 1, &host, error, sizeof(error));
+    if (known > 0 && s->policy->address)
+        s->policy->address(s->policyPvt, i, host);
+    if (known == 0)
+        return; /* it will wake us */
+    if (known < 0)
+        lineFailed(s, i, now, error);
+    else if (plcConnectionOpen(&line->connection, host, htons(line->port), now))
+        lineFailed(s, i, now, line->connection.error);
+}
+
+/* True when records have processed because of the loss, so that they saw it and its
+ * reason before the next connection takes its place. */
+static int lossSeen(plcStation *s, const plcLine *line, epicsUInt64 now,
+                    epicsUInt64 *wake)
+{
+    if (!line->lostAt || now - line->lostAt >= plcMsToNs(LOSS_SEEN_MS))
+        return 1;
+    epicsAtomicSetIntT(&s->waiting, 1);
+    if (!plcScanBusy(s->inScan))
+        return 1;
+    plcEarlier(wake, line->lostAt + plcMsToNs(LOSS_SEEN_MS));
+    return 0;
+}
+
+/* Timers of one connection. */
+void plcLineStep(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64 *wake)
+{
+    plcLine *line = &s->lines[i];
+    plcConnection *c = &line->connection;
+    epicsUInt64 due;
+    char why[PLC_REASON_SIZE];
+
+    if (!line->resolver)
+        return;
+    if (c->state == plcConnectionConnecting) {
+        due = c->since + plcMsToNs(s->now.connectTimeout);
+        if (now >= due) {
+            plcConnectionClose(c, "PLC does not answer", now);
+            lineFailed(s, i, now, c->error);
+            line->retryAt = now; /* it has waited long enough */
+        } else {
+            plcEarlier(wake, due);
+        }
+    }
+    if (c->state == plcConnectionUp && s->inSize &&
+        (!plcStationIsPair(s) || (int)i == s->leader)) {
+        due = (line->lastBlock ? line->lastBlock : c->since) +
+              plcMsToNs(s->now.recvTimeout);
+        if (s->looked >= due) {
+            epicsSnprintf(why, sizeof(why), "no block for %.1f s",
+                          s->now.recvTimeout / 1000);
+            plcLineLost(s, i, now, why);
+        } else {
+            plcEarlier(wake, due);
+        }
+    }
+    if (c->state == plcConnectionDown) {
+        if (now >= line->retryAt && lossSeen(s, line, now, wake))
+            lineOpen(s, i, now);
+        if (c->state == plcConnectionDown && line->retryAt > now)
+            plcEarlier(wake, line->retryAt);
+        if (c->state == plcConnectionConnecting)
+            plcEarlier(wake, now + plcMsToNs(s->now.connectTimeout));
+    }
+}
+
+/* Says once that the block size is wrong, and gives the connection up. */
+static void lineWrongSize(plcStation *s, unsigned i, epicsUInt64 now)
+{
+    plcLine *line = &s->lines[i];
+    size_t burst = plcFramingBurst(line->connection.framing);
+    int first = !line->wrongSize;
+    char why[PLC_REASON_SIZE], text[200];
+
+    if (burst) {
+        epicsSnprintf(why, sizeof(why), "PLC sends %u bytes, inSize is %u",
+                      (unsigned)burst, (unsigned)s->inSize);
+        epicsSnprintf(text, sizeof(text),
+                      "the PLC sends blocks of %u bytes, but inSize "
+                      "is %u: set inSize to %u or correct the PLC",
+                      (unsigned)burst, (unsigned)s->inSize, (unsigned)burst);
+    } else {
+        epicsSnprintf(why, sizeof(why), "PLC sends no blocks of %u bytes",
+                      (unsigned)s->inSize);
+        epicsSnprintf(text, sizeof(text),
+                      "what the PLC sends has no block size that "
+                      "fits inSize %u",
+                      (unsigned)s->inSize);
+    }
+    line->wrongSize = 1;
+    epicsMutexMustLock(s->lock);
+    s->stats.sizeMismatches++;
+    s->stats.burstSize = (epicsUInt32)burst;
+    epicsMutexUnlock(s->lock);
+    plcLineReason(s, why);
+    if (first) {
+        plcStationLog(s, errlogMajor, text);
+        plcLineLost(s, i, now, why);
+    } else {
+        plcConnectionClose(&line->connection, why, now);
+        plcLineTellPolicy(s, plcEventLost, i, now);
+    }
+    if (s->leader < 0) /* else the other one of a pair has good data */
+        plcInputInvalidate(s, plcStateWrongSize, why);
+    line->failures = sizeof(backoff); /* trying fast helps nobody */
+    retryLater(line, now);
+}
+
+/* Whole blocks on a line whose size is right. */
+static void lineBlocks(plcStation *s, unsigned i, size_t count, epicsUInt64 now)
+{
+    plcLine *line = &s->lines[i];
+    size_t burst = plcFramingBurst(line->connection.framing);
+    const void *block;
+    char text[200];
+
+    if (line->wrongSize)
+        plcStationLog(s, errlogInfo, "the block size is right now");
+    else if (line->fruitless)
+        plcStationLog(s, errlogInfo, "blocks come again");
+    line->wrongSize = line->fruitless = 0;
+    line->lastBlock = now;
+    epicsMutexMustLock(s->lock);
+    s->stats.blocksIn += count;
+    s->stats.skipped += count - 1;
+    if (burst && burst != s->stats.burstSize)
+        epicsSnprintf(text, sizeof(text), "bytes come %u at a time: is inSize %u right?",
+                      (unsigned)burst, (unsigned)s->inSize);
+    else
+        text[0] = 0;
+    s->stats.burstSize = (epicsUInt32)burst;
+    epicsMutexUnlock(s->lock);
+    if (text[0])
+        plcStationLog(s, errlogMinor, text);
+    plcLineTellPolicy(s, plcEventBlock, i, now);
+    block = plcFramingNewest(line->connection.framing);
+    if (s->leader == (int)i) {
+        plcInputBlock(s, block, plcInputStamp(s, block), count, now);
+        return;
+    }
+    /* Kept: when the leader turns out to be silent, this is the newest there is. */
+    memcpy(line->spare, block, s->inSize);
+    line->spareStamp = plcInputStamp(s, block);
+    line->spared = 1;
+    epicsMutexMustLock(s->lock);
+    s->stats.ignored += count;
+    epicsMutexUnlock(s->lock);
+}
+
+/* Reads until nothing is left, for a while: the other line must have its turn. */
+static void lineReceive(plcStation *s, unsigned i, epicsUInt64 now)
+{
+    plcLine *line = &s->lines[i];
+    plcConnection *c = &line->connection;
+    size_t room, count;
+    int got, turns = 16;
+
+    do {
+        plcFramingSpace(c->framing, &room);
+        got = plcConnectionReceive(c, now);
+        if (got <= 0)
+            break;
+        epicsMutexMustLock(s->lock);
+        s->stats.bytesIn += got;
+        epicsMutexUnlock(s->lock);
+        if (!s->inSize)
+            continue;
+        if (plcFramingJudge(c->framing) == plcFramingWrong) {
+            lineWrongSize(s, i, now);
+            return;
+        }
+        count = plcFramingCount(c->framing);
+        if (count && plcFramingJudge(c->framing) == plcFramingTrusted)
+            lineBlocks(s, i, count, now);
+        plcFramingConsume(c->framing);
+    } while ((size_t)got == room && --turns);
+    if (got < 0)
+        plcLineLost(s, i, now, c->error);
+}
+
+/* poll() reported something about this line. */
+void plcLineReady(plcStation *s, unsigned i, short revents, epicsUInt64 now)
+{
+    plcLine *line = &s->lines[i];
+    plcConnection *c = &line->connection;
+    int status;
+
+    if (c->state == plcConnectionConnecting) {
+        status = plcConnectionFinish(c, now);
+        if (status > 0)
+            lineUp(s, i, now);
+        else if (status < 0)
+            lineFailed(s, i, now, c->error);
+        return;
+    }
+    if (c->state == plcConnectionUp && (revents & (POLLIN | POLLHUP | POLLERR)))
+        lineReceive(s, i, now);
+}
+
+/* The data of a pair lives on for recvTimeout without a leader. */
+void plcLineDataStep(plcStation *s, epicsUInt64 *wake)
+{
+    epicsUInt64 due = s->lastBlock + plcMsToNs(s->now.recvTimeout);
+
+    if (!s->valid || s->leader >= 0 || !plcStationIsPair(s))
+        return;
+    if (s->looked < due) {
+        plcEarlier(wake, due);
+        return;
+    }
+    s->lastBlock = 0;
+    plcInputInvalidate(s, plcStateNoPrimary, "no PRIMARY: neither PLC sends");
+}
+
+/* (Re)creates what finds the address of a line. */
+void plcLineAddress(plcStation *s, unsigned i, epicsUInt64 now)
+{
+    plcLine *line = &s->lines[i];
+    char host[PLC_NAME_MAX + 1];
+    int plus;
+
+    epicsMutexMustLock(s->lock);
+    strcpy(host, s->address[i]);
+    plus = s->plus[i];
+    line->port = s->port[i];
+    epicsMutexUnlock(s->lock);
+    plcResolverRelease(line->resolver);
+    line->resolver = host[0] ? plcResolverCreate(host, plus, plcStationWake, s) : NULL;
+    line->failures = line->wrongSize = line->fruitless = line->logged = 0;
+    line->retryAt = now;
+}
