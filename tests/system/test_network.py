@@ -14,7 +14,7 @@ record(longin, "$(P)in") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT32") fie
 record(longin, "$(P)poll") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT32") }
 record(stringout, "$(P)addr") { field(DTYP, "S7plc addr") field(OUT, "@PLC") }
 """
-INSTANT = 2.0  # s; a driver that waits for a name server does so for 5 s or more
+INSTANT = 3.0  # s; a driver that waits for a name server does so for 5 s or more
 
 
 def check_instant(ioc):

@@ -46,7 +46,7 @@ def test_start(new_peer, new_ioc, capsys):
     assert all(int.from_bytes(block[4 * i:4 * i + 4], "big") == i for i in range(4, COUNT, 5))
     with capsys.disabled():
         print(f"\n    [start with {COUNT} records: {seconds:.1f} s] ", end="")
-    assert seconds < 20  # s; on an idle machine it is well under 3
+    assert seconds < 30  # s; on an idle machine it is well under 3
 
 
 @pytest.fixture
@@ -62,7 +62,7 @@ def deaf(new_ioc, black_hole):
 
 
 # A driver that waits for the network does so for 5 s or more.
-INSTANT = 2.0
+INSTANT = 3.0
 
 
 def test_black_hole(deaf):
