@@ -239,8 +239,10 @@ static void testThreads(void)
                               epicsThreadGetStackSize(epicsThreadStackMedium), runRacer,
                               &racers[i]);
     }
-    for (i = 0; i < sizeof(racers) / sizeof(racers[0]); i++)
+    for (i = 0; i < sizeof(racers) / sizeof(racers[0]); i++) {
         epicsEventMustWait(racers[i].ended);
+        epicsEventDestroy(racers[i].ended);
+    }
     testOk(r.tornIn == 0, "three readers saw no torn block");
     testOk(r.wrongStamps == 0, "the stamp always belonged to the block");
     testOk(r.tornOut == 0, "the sender took no half-written block");
