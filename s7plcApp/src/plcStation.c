@@ -26,11 +26,12 @@ static int allStarted, allRunning;
 /* Room for the log lines of hundreds of stations that connect or lose their PLCs at once;
  * EPICS's own is for a dozen. Without effect where st.cmd or the program has chosen one. */
 #define ERRLOG_BYTES 65536
+#define ERRLOG_MESSAGE 1024 /* a message that says what is allowed may be long */
 
 static void initOnce(void *arg)
 {
     (void)arg;
-    errlogInit(ERRLOG_BYTES);
+    errlogInit2(ERRLOG_BYTES, ERRLOG_MESSAGE);
     listLock = epicsMutexMustCreate();
 }
 

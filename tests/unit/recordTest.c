@@ -44,6 +44,7 @@ const char *messages(void)
 
 void iocBegin(void)
 {
+    errlogInit2(65536, 1024); /* no message is lost, however busy the machine */
     testdbPrepare();
     testdbReadDatabase("recordTest.dbd", NULL, NULL);
     recordTest_registerRecordDeviceDriver(pdbbase);
