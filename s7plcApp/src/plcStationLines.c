@@ -143,6 +143,21 @@ static void lineFailed(plcStation *s, unsigned i, epicsUInt64 now, const char *w
         plcInputInvalidate(s, plcStateConnecting, why);
 }
 
+/* A PLC that babbles looks right and wrong in turns: that is said twice a minute. */
+static int babbles(const plcLine *line)
+{
+    return line->verdicts > 2;
+}
+
+static void countVerdict(plcLine *line, epicsUInt64 now)
+{
+    if (!line->verdicts || now - line->verdictsSince >= plcMsToNs(60000)) {
+        line->verdicts = 0;
+        line->verdictsSince = now;
+    }
+    line->verdicts++;
+}
+
 /* A connection that was up is gone, or has to go: closes it and says so. */
 void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char *why)
 {
@@ -154,7 +169,7 @@ void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char *why)
     if (now - line->connection.since >= plcMsToNs(SETTLED_MS))
         line->failures = 0;
     epicsSnprintf(text, sizeof(text), "%sdisconnected: %s", lineName(s, i), why);
-    if (!line->fruitless)
+    if (!line->fruitless && !(line->wrongSize && babbles(line)))
         plcStationLog(s, errlogMajor, text);
     /* One that accepts connections and sends nothing says so once. */
     line->fruitless = s->inSize && !plcStationIsPair(s) && !line->lastBlock;
@@ -321,7 +336,9 @@ static void lineWrongSize(plcStation *s, unsigned i, epicsUInt64 now)
     epicsMutexUnlock(s->lock);
     plcLineReason(s, why);
     if (first) {
-        plcStationLog(s, errlogMajor, text);
+        countVerdict(line, now);
+        if (!babbles(line))
+            plcStationLog(s, errlogMajor, text);
         plcLineLost(s, i, now, why);
     } else {
         plcConnectionClose(&line->connection, why, now);
@@ -341,9 +358,9 @@ static void lineBlocks(plcStation *s, unsigned i, size_t count, epicsUInt64 now)
     const void *block;
     char text[200];
 
-    if (line->wrongSize)
+    if (line->wrongSize && !babbles(line))
         plcStationLog(s, errlogInfo, "the block size is right now");
-    else if (line->fruitless)
+    else if (!line->wrongSize && line->fruitless)
         plcStationLog(s, errlogInfo, "blocks come again");
     line->wrongSize = line->fruitless = 0;
     line->lastBlock = now;

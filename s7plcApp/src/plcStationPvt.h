@@ -33,6 +33,8 @@ typedef struct plcLine {
     epicsUInt64 lastBlock; /* 0: none on this connection */
     epicsUInt64 lostAt;    /* 0: not lost, or never was up */
     int wrongSize;         /* the block size was found wrong and not found right since */
+    unsigned verdicts;     /* that the size is wrong, since: */
+    epicsUInt64 verdictsSince;
     int fruitless;         /* it was lost before its first block, and has said so */
     int logged;            /* "cannot connect" has been said */
     char *spare;           /* of a pair: its newest block while the other leads */
