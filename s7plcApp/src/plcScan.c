@@ -34,7 +34,7 @@
 
 #define HERE_RECORDS 2000 /* a pass of more is not for the thread that asks for it; */
 #define HERE_NS 5000000   /* after one that took longer, nor are */
-#define HERE_PAUSE 200    /* that many that follow */
+#define HERE_PAUSE 200    /* that many that follow; twice as many each time */
 
 #ifdef __GNUC__
 #define FETCH(address) __builtin_prefetch(address)
@@ -92,6 +92,7 @@ struct plcScan {
     IOSCANPVT parked;   /* where Base keeps the records that we process; never scanned */
     epicsThreadId here; /* passes it asks for may run in this thread; NULL: in none */
     unsigned herePause; /* passes until that is tried again */
+    unsigned hereNext;  /* the same, for the next time that one took long */
     part part[NUM_CALLBACK_PRIORITIES];
     unsigned count[NUM_CALLBACK_PRIORITIES]; /* records in all groups */
 
@@ -249,6 +250,7 @@ void plcScanHere(plcScan *scan)
 {
     epicsMutexMustLock(scan->lock);
     scan->here = epicsThreadGetIdSelf();
+    scan->hereNext = HERE_PAUSE;
     epicsMutexUnlock(scan->lock);
 }
 
@@ -788,7 +790,9 @@ static void runHere(plcScan *scan, unsigned prios)
     runPart(&scan->part[prio]);
     if (epicsMonotonicGet() - start > HERE_NS) {
         epicsMutexMustLock(scan->lock);
-        scan->herePause = HERE_PAUSE;
+        scan->herePause = scan->hereNext;
+        if (scan->hereNext < (unsigned)-1 / 2)
+            scan->hereNext *= 2;
         epicsMutexUnlock(scan->lock);
     }
 }
