@@ -61,11 +61,15 @@ ARCH = os.environ.get("EPICS_HOST_ARCH") or (_PRODUCTS[0].parent.name if _PRODUC
 PVA_PORT, PVA_UDP = free_port(), free_port()
 REPEATER = Repeater()
 
+# Where a second IOC of a test serves its PVs: two on one address share its UDP port, and
+# only one of them would hear the clients' searches.
+SECOND_IOC = "127.0.0.9"
+
 os.environ.update(
     EPICS_IOCSH_HISTFILE="",
     EPICS_CA_SERVER_PORT=str(free_port()),
     EPICS_CA_REPEATER_PORT=str(REPEATER.port),
-    EPICS_CA_ADDR_LIST="127.0.0.1",
+    EPICS_CA_ADDR_LIST=f"127.0.0.1 {SECOND_IOC}",
     EPICS_CA_AUTO_ADDR_LIST="NO",
     EPICS_CA_MAX_ARRAY_BYTES="2000000",
     EPICS_CAS_INTF_ADDR_LIST="127.0.0.1",

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from client import TOP
+from client import SECOND_IOC, TOP
 from waiting import until, until_equal
 
 # Setpoints: DB10, 20 bytes. They are bytes 4 ... 23 of both blocks.
@@ -392,7 +392,8 @@ def test_second_ioc(new_sim, new_ioc):
     until_equal(lambda: speed(sim), 123)
     os.kill(first.process.pid, signal.SIGSTOP)
     try:
-        second = new_ioc(configure(sim.port), database())
+        second = new_ioc(configure(sim.port), database(),
+                         env={**os.environ, "EPICS_CAS_INTF_ADDR_LIST": SECOND_IOC})
         wait_synced(sim, second)
         wait_values(second, Speed=123)
         wait_heartbeats(sim)
