@@ -8,6 +8,8 @@
 
 TOP = .
 
+.PHONY: demo demo-redundant demo-sync test bench
+
 ifneq ($(words $(CURDIR)),1)
   $(error EPICS cannot build in a path with a blank: "$(CURDIR)". Move the tree)
 endif
@@ -18,7 +20,6 @@ ifneq ($(filter demo demo-% test bench,$(MAKECMDGOALS)),)
   configure/RELEASE.local: ; @configure/setup.sh base
 
   # Each of these brings everything it needs; they are not part of the EPICS build.
-  .PHONY: demo demo-redundant demo-sync test bench
   BUILD = echo "== build" && $(MAKE) -s $(if $(findstring -j,$(MAKEFLAGS)),,-j$(shell nproc)) all
   demo: ; @+$(BUILD) && exec iocBoot/iocS7plc/demo
   demo-redundant: ; @+$(BUILD) && exec iocBoot/iocPhoenix/demo
