@@ -352,6 +352,16 @@ long devIointInfo(int leave, dbCommon *prec, IOSCANPVT *list)
 
 /* --- What several record types prepare ---------------------------------------------- */
 
+void devScale(const devRecord *dev, double egul, double eguf, double *eslo, double *eoff)
+{
+    double low = (double)dev->low, high = (double)dev->high;
+
+    if (!(dev->type->kind & plcInteger) || low == high)
+        return;
+    *eslo = (eguf - egul) / (high - low);
+    *eoff = (high * egul - low * eguf) / (high - low);
+}
+
 int devPrepareString(dbCommon *prec, devRecord *dev, const plcLink *link,
                      plcLinkError *error)
 {

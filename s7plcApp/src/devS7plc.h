@@ -151,6 +151,10 @@ int devPrepareString(dbCommon *prec, devRecord *dev, const plcLink *link,
 int devPrepareMask(dbCommon *prec, devRecord *dev, epicsUInt32 *mask, unsigned nobt,
                    unsigned shft);
 
+/* Sets ESLO and EOFF of ai and ao so that L..H and EGUL..EGUF are the same. Float types are
+ * not converted: nothing is set. */
+void devScale(const devRecord *dev, double egul, double eguf, double *eslo, double *eoff);
+
 /* The dpvt of a record, when its link is good. Else NULL, and the alarm is raised. */
 devRecord *devOf(dbCommon *prec);
 

@@ -27,15 +27,9 @@
 
 /* --- ai ----------------------------------------------------------------------------- */
 
-/* Sets ESLO and EOFF so that L..H become EGUL..EGUF. Float types are not converted. */
 static long linconv(aiRecord *prec, const devRecord *dev)
 {
-    double low = (double)dev->low, high = (double)dev->high;
-
-    if (!(dev->type->kind & plcInteger) || low == high)
-        return 0;
-    prec->eslo = (prec->eguf - prec->egul) / (high - low);
-    prec->eoff = (high * prec->egul - low * prec->eguf) / (high - low);
+    devScale(dev, prec->egul, prec->eguf, &prec->eslo, &prec->eoff);
     return 0;
 }
 
