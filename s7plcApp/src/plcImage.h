@@ -71,6 +71,22 @@ void plcImageTake(plcImage *image, void *dst);
 int plcImageSet(plcImage *image, size_t offset, size_t length, const void *src,
                 const void *mask, const void *expected);
 
+/* --- Output that leaves piece by piece: which bits were written ---------------------- */
+
+/* From now on the image remembers which bits plcImageWrite has written: since the last take,
+ * and ever. Call it before the first write. */
+void plcImageTrackWrites(plcImage *image);
+
+/* As plcImageTake, and sets in `mask` (as large as the image) the bits that were written
+ * since the last take. */
+void plcImageTakeChanges(plcImage *image, void *dst, void *mask);
+
+/* A new connection, where the PLC shows that it holds `shown` (as large as the image; NULL:
+ * it does not show it): every bit that was ever written and differs counts as written now.
+ * Places that plcImageSet has set since are not ours any more, and do not count.
+ * Returns 1 when there are such bits (the image is dirty then), else 0. */
+int plcImageOwe(plcImage *image, const void *shown);
+
 /* What was written since plcImageTake is no reason to send any more. */
 void plcImageForget(plcImage *image);
 

@@ -1,0 +1,84 @@
+/* What a Modbus PLC is asked: ranges of registers and bits as the user wrote them, the
+ * requests that read them, and the requests that write what has changed.
+ *
+ * Pure: no socket, no thread, no clock, no libmodbus. Source of functions and limits: the
+ * MODBUS Application Protocol Specification V1.1b3.
+ */
+#ifndef INC_plcModbusPlan_H
+#define INC_plcModbusPlan_H
+
+#include <stddef.h>
+
+#include <epicsTypes.h>
+
+/* Limits of one request */
+#define PLC_READ_REGISTERS 125
+#define PLC_READ_BITS 2000
+#define PLC_WRITE_REGISTERS 123
+#define PLC_WRITE_BITS 1968
+
+typedef enum { plcHolding, plcInputRegisters, plcCoils, plcDiscrete } plcTable;
+
+/* "holding", "input", "coils", "discrete" */
+const char *plcTableName(plcTable table);
+
+/* A run of registers or bits, and where it lies in an image. */
+typedef struct plcRange {
+    plcTable table;
+    unsigned start, count; /* protocol addresses, from 0; registers or bits */
+    size_t offset;         /* bytes from the start of the image */
+    unsigned period;       /* ms between two reads; 0: outputs */
+} plcRange;
+
+/* Bytes in the image: 2 per register; bits 8 to a byte, the first one is bit 0. */
+size_t plcRangeBytes(const plcRange *range);
+
+/* Parses "table start count [at offset] [every ms], ..." into a new array, to be freed.
+ * `output`: only holding and coils, and no `every`. Returns the number of ranges (0 for an
+ * empty or missing text), and *size, the bytes of the image; or -1 with a message that
+ * names the range, what is wrong and what is allowed; then *ranges is NULL. */
+int plcRangesParse(const char *text, int output, plcRange **ranges, size_t *size,
+                   char *error, size_t errorSize);
+
+/* One request of function 1 to 6, 15, 16 or 22. */
+typedef struct plcRequest {
+    epicsUInt8 function;
+    plcTable table;
+    unsigned start, count; /* registers or bits */
+    unsigned period;       /* ms; reads only */
+} plcRequest;
+
+/* The reads for these ranges: as few as the limits force. `glue` (NULL: nothing is known)
+ * has a byte per byte of the image: not 0 means that this byte belongs to the same value as
+ * the one before it, so that no request ends there. A value is cut only where it is longer
+ * than a request. Returns the number of requests, and a new array, to be freed. */
+unsigned plcPlanReads(const plcRange *ranges, unsigned count, const epicsUInt8 *glue,
+                      plcRequest **requests);
+
+/* The writes for the bits set in `mask` (as large as the image): runs of whole registers,
+ * runs of coils, and each register of which only some bits are set. `glue` as above.
+ * `single`: functions 6 and 5 where a run has one register or coil. Bits that lie in no range
+ * are left out. Returns the number of requests, and a new array, to be freed. */
+unsigned plcPlanWrites(const plcRange *ranges, unsigned count, const epicsUInt8 *mask,
+                       const epicsUInt8 *glue, int single, plcRequest **requests);
+
+/* Halves a write that was refused, at the last place before its middle (else the first
+ * behind it) that cuts no value. Returns 1; or 0 when it holds one value only, and is left
+ * as it is. */
+int plcPlanHalve(const plcRange *ranges, unsigned count, const epicsUInt8 *glue,
+                 const plcRequest *request, plcRequest halves[2]);
+
+/* Where a request lies in the image: a piece for each range that it touches. The range may
+ * lie anywhere in the image, and coils may begin within a byte. Returns their number. */
+typedef struct plcPiece {
+    size_t offset;     /* in the image */
+    unsigned first, count; /* registers or bits of the request, from 0 */
+    unsigned bit;      /* bits: position of the first one in the byte at offset */
+} plcPiece;
+unsigned plcPlanPieces(const plcRange *ranges, unsigned count, const plcRequest *request,
+                       plcPiece *pieces, unsigned max);
+
+/* An exception code in words: "exception 2, illegal data address". */
+void plcExceptionText(int code, char *text, size_t size);
+
+#endif /* INC_plcModbusPlan_H */
