@@ -124,7 +124,7 @@ write_release() {
 }
 
 python() {
-    packages python3-venv iproute2 iptables iputils-ping procps
+    packages python3-venv mbpoll iproute2 iptables iputils-ping procps
     want=$(cksum <tests/requirements.txt | cut -d' ' -f1)
     venv=$cache/venv-$(python3 -c 'import sys; print("%d.%d" % sys.version_info[:2])')-$want
     (
