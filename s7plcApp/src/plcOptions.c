@@ -14,6 +14,7 @@ typedef enum {
     optNumber, /* a double from min to max */
     optChoice, /* one of the words in `words`, stored as its index */
     optOffset, /* "off" or a byte offset; "offset,word" when `words` is set */
+    optPlace,  /* "off" or a number of `unit`, such as register */
     optAlive   /* "off", "offset" or "offset,type" */
 } optKind;
 
@@ -68,6 +69,16 @@ static const optRow rows[] = {
  "an attempt to connect is given up after this time, and the next one begins"},
 {"pingPeriod",     optNumber, AT(pingPeriod),     0, 0,  3600000, "ms", NULL, 1000, 0,
  "redundant pair: both PLCs are asked by ICMP echo whether they are there; 0: never"},
+{"requestTimeout", optNumber, AT(requestTimeout), 0, 10, 60000,   "ms", NULL, 1000, 0,
+ "Modbus: a request without an answer for so long: the connection is given up"},
+{"readPeriod",     optNumber, AT(readPeriod),     0, 0,  3600000, "ms", NULL, 1000, 0,
+ "Modbus: the output registers are read again so often; 0: only at connect"},
+{"singleWrite",    optChoice, AT(singleWrite),    0, 0,  0, "", "off|on",       0,  0,
+ "Modbus: a single register is written by function 6, a single coil by function 5"},
+{"maskWrite",      optChoice, AT(maskWrite),      0, 0,  0, "", "refuse|rmw",   0,  0,
+ "Modbus: single bits of a register where function 22 is missing: refuse, or read and write"},
+{"heartbeatRegister", optPlace, AT(heartbeatRegister), 0, 0, 65535, "register", NULL, PLC_OFF, 0,
+ "Modbus: a holding register that counts up every `heartbeat` ms, 1000 if that is 0"},
 };
 /* clang-format on */
 
@@ -133,6 +144,10 @@ static void describe(const optRow *row, char *text, size_t size)
     case optOffset:
         epicsSnprintf(text, size, "off, or byte offset%s%s%s", row->words ? "[," : "",
                       row->words ? row->words : "", row->words ? "]" : "");
+        break;
+    case optPlace:
+        epicsSnprintf(text, size, "off, or %s %.10g to %.10g", row->unit, row->min,
+                      row->max);
         break;
     case optAlive:
         plcTypeList(plcInteger, 8, types, sizeof(types));
@@ -202,7 +217,7 @@ int plcOptionsSet(plcOptions *o, const char *key, const char *value, int running
                   char *error, size_t size)
 {
     static int (*const set[])(const optRow *, plcOptions *, const char *) = {
-        setNumber, setChoice, setOffset, setOffset};
+        setNumber, setChoice, setOffset, setOffset, setOffset};
     char allowed[200];
     size_t i;
     int used;
@@ -268,7 +283,7 @@ void plcOptionsPrint(const plcOptions *options, FILE *file)
     for (i = 0; i < ROWS; i++) {
         valueText(&rows[i], options ? options : &defaults, value, sizeof(value));
         describe(&rows[i], allowed, sizeof(allowed));
-        fprintf(file, "  %-15s %-10s %s%s\n  %26s allowed: %s\n", rows[i].key, value,
+        fprintf(file, "  %-17s %-10s %s%s\n  %28s allowed: %s\n", rows[i].key, value,
                 rows[i].help, rows[i].early ? " (before iocInit)" : "", "", allowed);
     }
 }

@@ -13,8 +13,9 @@
 enum { plcOfflineKeep, plcOfflineReject }; /* offlineWrites= */
 enum { plcScanAll, plcScanChanged };       /* scan= */
 enum { plcClockIsDt, plcClockIsDtl };      /* timestamp= */
+enum { plcMaskRefuse, plcMaskRmw };        /* maskWrite= */
 
-#define PLC_OFF (-1.0) /* an offset option that is not in use */
+#define PLC_OFF (-1.0) /* an option with an offset or a register, not in use */
 
 typedef struct plcOptions {
     double recvTimeout;    /* ms */
@@ -36,6 +37,11 @@ typedef struct plcOptions {
     int sync;              /* 0 or 1 */
     double pingPeriod;     /* ms, 0 = off */
     double layout;         /* layout id, 0 = not checked */
+    double requestTimeout; /* ms, Modbus */
+    int singleWrite;       /* 0 or 1, Modbus */
+    int maskWrite;         /* plcMaskRefuse, plcMaskRmw; Modbus */
+    double heartbeatRegister; /* holding register, PLC_OFF; Modbus */
+    double readPeriod;     /* ms, 0 = only at connect; Modbus */
 } plcOptions;
 
 void plcOptionsDefault(plcOptions *options);

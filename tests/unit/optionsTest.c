@@ -76,6 +76,24 @@ static const struct {
     {"track", "maybe", NULL},
     {"connectTimeout", "50", "connectTimeout=50"},
     {"connectTimeout", "49", NULL},
+    {"requestTimeout", "10", "requestTimeout=10"},
+    {"requestTimeout", "60000", "requestTimeout=60000"},
+    {"requestTimeout", "9", NULL},
+    {"requestTimeout", "60001", NULL},
+    {"readPeriod", "0", "readPeriod=0"},
+    {"readPeriod", "-1", NULL},
+    {"singleWrite", "on", "singleWrite=on"},
+    {"singleWrite", "fc6", NULL},
+    {"maskWrite", "rmw", "maskWrite=rmw"},
+    {"maskWrite", "refuse", ""},
+    {"maskWrite", "1", NULL},
+    {"heartbeatRegister", "0", "heartbeatRegister=0"},
+    {"heartbeatRegister", "65535", "heartbeatRegister=65535"},
+    {"heartbeatRegister", "0x100", "heartbeatRegister=256"},
+    {"heartbeatRegister", "off", ""},
+    {"heartbeatRegister", "65536", NULL},
+    {"heartbeatRegister", "-1", NULL},
+    {"heartbeatRegister", "5,DT", NULL},
     {"noSuchKey", "1", NULL},
     {"", "1", NULL},
 };
@@ -111,6 +129,10 @@ static void testTexts(void)
     plcOptionsSet(&options, "scan", "x", 0, error, sizeof(error));
     testOk(strcmp(error, "option scan=x; allowed: all|changed") == 0,
            "a choice says its words: %s", error);
+    plcOptionsSet(&options, "heartbeatRegister", "x", 0, error, sizeof(error));
+    testOk(strcmp(error, "option heartbeatRegister=x; allowed: off, or register 0 to "
+                         "65535") == 0,
+           "a register says its range: %s", error);
     plcOptionsSet(&options, "hartbeat", "1", 0, error, sizeof(error));
     testOk(strstr(error, "\"hartbeat\"") && strstr(error, " heartbeat") &&
                strstr(error, " connectTimeout"),
@@ -155,7 +177,7 @@ static void testPrint(void)
     file = open_memstream(&text, &size);
     plcOptionsPrint(NULL, file);
     fclose(file);
-    testOk(strstr(text, "alive           off") != NULL, "or the defaults");
+    testOk(strstr(text, "alive             off") != NULL, "or the defaults");
     free(text);
 }
 
@@ -188,7 +210,7 @@ MAIN(optionsTest)
 {
     size_t i;
 
-    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 12);
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 13);
     for (i = 0; i < sizeof(rows) / sizeof(rows[0]); i++)
         testRow(i);
     testTexts();
