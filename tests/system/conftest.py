@@ -11,6 +11,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import client  # noqa: E402  (sets the environment before anything loads libca)
 from blackhole import BlackHole  # noqa: E402
 from ioc import Ioc  # noqa: E402
+from modbuspeer import ModbusPeer  # noqa: E402
 from peer import Peer  # noqa: E402
 from sim import Sim  # noqa: E402
 
@@ -56,6 +57,16 @@ def new_peer(closing):
     """new_peer(in bytes, out bytes) makes a scripted PLC that listens."""
     def make(*args, **kw):
         peer = Peer(*args, **kw)
+        closing(peer)
+        return peer
+    return make
+
+
+@pytest.fixture
+def new_modbus(closing):
+    """new_modbus(size=, unit=) makes a Modbus PLC that listens."""
+    def make(*args, **kw):
+        peer = ModbusPeer(*args, **kw)
         closing(peer)
         return peer
     return make
