@@ -37,6 +37,8 @@ struct plcImage {
     int dirty;
     int closed;                   /* writes are refused */
     char reason[PLC_REASON_SIZE]; /* "" when valid */
+    epicsUInt8 *changed; /* bits written since the last take; NULL: not tracked */
+    epicsUInt8 *ours;    /* bits ever written, and not set since */
 };
 
 static word *makeWords(size_t size)
@@ -63,6 +65,8 @@ void plcImageDestroy(plcImage *image)
     epicsMutexDestroy(image->lock);
     free(image->words[0]);
     free(image->words[1]);
+    free(image->changed);
+    free(image->ours);
     free(image);
 }
 
@@ -211,6 +215,32 @@ static int differs(const epicsUInt8 *to, const epicsUInt8 *from, const epicsUInt
     return 0;
 }
 
+/* These bits were written. The lock is held. */
+static void mark(plcImage *image, size_t offset, size_t length, const epicsUInt8 *mask)
+{
+    size_t i;
+    epicsUInt8 bits;
+
+    for (i = 0; i < length; i++) {
+        bits = mask ? mask[i] : 0xFF;
+        image->changed[offset + i] |= bits;
+        image->ours[offset + i] |= bits;
+    }
+}
+
+/* These bits are not ours any more. The lock is held. */
+static void unmark(plcImage *image, size_t offset, size_t length, const epicsUInt8 *mask)
+{
+    size_t i;
+    epicsUInt8 others;
+
+    for (i = 0; i < length; i++) {
+        others = mask ? (epicsUInt8)~mask[i] : 0;
+        image->changed[offset + i] &= others;
+        image->ours[offset + i] &= others;
+    }
+}
+
 int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src,
                   const void *mask)
 {
@@ -222,6 +252,8 @@ int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src
         return -1;
     }
     put(bytesOf(image) + offset, src, mask, length);
+    if (image->changed)
+        mark(image, offset, length, mask);
     first = !image->dirty;
     image->dirty = 1;
     epicsMutexUnlock(image->lock);
@@ -239,23 +271,18 @@ int plcImageSet(plcImage *image, size_t offset, size_t length, const void *src,
                 const void *mask, const void *expected)
 {
     epicsUInt8 *to;
-    int changed;
+    int wanted, changed;
 
     epicsMutexMustLock(image->lock);
     to = bytesOf(image) + offset;
-    changed = (!expected || memcmp(to, expected, length) == 0) &&
-              differs(to, src, mask, length);
+    wanted = !expected || memcmp(to, expected, length) == 0;
+    changed = wanted && differs(to, src, mask, length);
     if (changed)
         put(to, src, mask, length);
+    if (wanted && image->changed)
+        unmark(image, offset, length, mask);
     epicsMutexUnlock(image->lock);
     return changed;
-}
-
-void plcImageForget(plcImage *image)
-{
-    epicsMutexMustLock(image->lock);
-    image->dirty = 0;
-    epicsMutexUnlock(image->lock);
 }
 
 int plcImageDirty(plcImage *image)
@@ -275,12 +302,27 @@ void plcImageTouch(plcImage *image)
     epicsMutexUnlock(image->lock);
 }
 
+/* Nothing is left to send. The lock is held. */
+static void forget(plcImage *image)
+{
+    image->dirty = 0;
+    if (image->changed)
+        memset(image->changed, 0, image->size);
+}
+
 void plcImageTake(plcImage *image, void *dst)
 {
     epicsMutexMustLock(image->lock);
     if (image->size)
         memcpy(dst, bytesOf(image), image->size);
-    image->dirty = 0;
+    forget(image);
+    epicsMutexUnlock(image->lock);
+}
+
+void plcImageForget(plcImage *image)
+{
+    epicsMutexMustLock(image->lock);
+    forget(image);
     epicsMutexUnlock(image->lock);
 }
 
@@ -290,4 +332,50 @@ void plcImagePeek(plcImage *image, size_t offset, size_t length, void *dst)
     if (length)
         memcpy(dst, bytesOf(image) + offset, length);
     epicsMutexUnlock(image->lock);
+}
+
+/* --- Output that leaves piece by piece --------------------------------------------- */
+
+void plcImageTrackWrites(plcImage *image)
+{
+    epicsMutexMustLock(image->lock);
+    if (!image->changed) {
+        image->changed = callocMustSucceed(image->size + 1, 1, "plcImageTrackWrites");
+        image->ours = callocMustSucceed(image->size + 1, 1, "plcImageTrackWrites");
+    }
+    epicsMutexUnlock(image->lock);
+}
+
+void plcImageTakeChanges(plcImage *image, void *dst, void *mask)
+{
+    epicsMutexMustLock(image->lock);
+    if (image->size) {
+        memcpy(dst, bytesOf(image), image->size);
+        if (image->changed)
+            memcpy(mask, image->changed, image->size);
+        else
+            memset(mask, 0, image->size);
+    }
+    forget(image);
+    epicsMutexUnlock(image->lock);
+}
+
+int plcImageOwe(plcImage *image, const void *shown)
+{
+    const epicsUInt8 *now, *there = shown;
+    epicsUInt8 owed;
+    int any = 0;
+    size_t i;
+
+    epicsMutexMustLock(image->lock);
+    now = bytesOf(image);
+    for (i = 0; image->changed && i < image->size; i++) {
+        owed = (epicsUInt8)(image->ours[i] & (there ? now[i] ^ there[i] : 0xFF));
+        image->changed[i] |= owed;
+        any |= owed;
+    }
+    if (any)
+        image->dirty = 1;
+    epicsMutexUnlock(image->lock);
+    return any != 0;
 }

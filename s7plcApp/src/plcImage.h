@@ -78,7 +78,7 @@ int plcImageSet(plcImage *image, size_t offset, size_t length, const void *src,
 void plcImageTrackWrites(plcImage *image);
 
 /* As plcImageTake, and sets in `mask` (as large as the image) the bits that were written
- * since the last take. */
+ * since the last take. plcImageTouch adds none. */
 void plcImageTakeChanges(plcImage *image, void *dst, void *mask);
 
 /* A new connection, where the PLC shows that it holds `shown` (as large as the image; NULL:
@@ -87,7 +87,8 @@ void plcImageTakeChanges(plcImage *image, void *dst, void *mask);
  * Returns 1 when there are such bits (the image is dirty then), else 0. */
 int plcImageOwe(plcImage *image, const void *shown);
 
-/* What was written since plcImageTake is no reason to send any more. */
+/* What was written since plcImageTake is no reason to send any more. Bits that were ever
+ * written stay remembered. */
 void plcImageForget(plcImage *image);
 
 /* Copies without forgetting (show, read-back of an output). */

@@ -1,4 +1,5 @@
-/* Images: validity, masks, the dirty flag, and no torn block among threads. */
+/* Images: validity, masks, the dirty flag, which bits were written, and no torn block
+ * among threads. */
 #include <string.h>
 
 #include <epicsAtomic.h>
@@ -136,6 +137,239 @@ static void testEmpty(void)
     plcImageDestroy(NULL);
 }
 
+/* --- Which bits were written -------------------------------------------------------- */
+
+static int takes(plcImage *image, const char *bytes, const char *mask)
+{
+    char gotBytes[4], gotMask[4];
+
+    plcImageTakeChanges(image, gotBytes, gotMask);
+    return memcmp(gotBytes, bytes, 4) == 0 && memcmp(gotMask, mask, 4) == 0 &&
+           !plcImageDirty(image);
+}
+
+static void testChanges(void)
+{
+    plcImage *image = plcImageCreate(4);
+
+    plcImageTrackWrites(image);
+    testOk(takes(image, "\0\0\0\0", "\0\0\0\0"), "nothing was written at first");
+    plcImageWrite(image, 1, 2, "AB", NULL);
+    plcImageWrite(image, 3, 1, "\x0F", "\x03");
+    testOk(takes(image, "\0AB\x03", "\0\xFF\xFF\x03"), "two bytes and two bits");
+    testOk(takes(image, "\0AB\x03", "\0\0\0\0"), "once");
+    plcImageWrite(image, 1, 1, "A", NULL);
+    testOk(takes(image, "\0AB\x03", "\0\xFF\0\0"), "the same value again is a write");
+    plcImageWrite(image, 1, 1, "a", NULL);
+    plcImageForget(image);
+    testOk(takes(image, "\0aB\x03", "\0\0\0\0"), "not what is forgotten");
+    plcImageWrite(image, 1, 1, "b", NULL);
+    plcImageTake(image, (char[4]){0});
+    testOk(takes(image, "\0bB\x03", "\0\0\0\0"), "nor what was taken as a whole");
+    plcImageTouch(image);
+    testOk(plcImageDirty(image) && takes(image, "\0bB\x03", "\0\0\0\0"),
+           "touch writes no bit");
+    plcImageClose(image, 1);
+    testOk(plcImageWrite(image, 0, 1, "x", NULL) == -1 &&
+               takes(image, "\0bB\x03", "\0\0\0\0"),
+           "nor does a write that is refused");
+    plcImageDestroy(image);
+}
+
+static void testOwed(void)
+{
+    plcImage *image = plcImageCreate(4);
+
+    plcImageTrackWrites(image);
+    testOk(plcImageOwe(image, "wxyz") == 0 && plcImageOwe(image, NULL) == 0 &&
+               !plcImageDirty(image),
+           "who has written nothing owes nothing");
+    plcImageWrite(image, 0, 2, "AB", NULL);
+    plcImageWrite(image, 3, 1, "\x02", "\x03");
+    testOk(takes(image, "AB\0\x02", "\xFF\xFF\0\x03"), "written and taken");
+    testOk(plcImageOwe(image, "AB\x55\xF2") == 0 && !plcImageDirty(image),
+           "a PLC that shows it gets nothing");
+    testOk(plcImageOwe(image, "ACzz") == 1 && plcImageDirty(image) &&
+               takes(image, "AB\0\x02", "\0\x01\0\0"),
+           "else the bits that differ");
+    testOk(plcImageOwe(image, NULL) == 1 && takes(image, "AB\0\x02", "\xFF\xFF\0\x03"),
+           "or all, if it shows nothing");
+    testOk(plcImageSet(image, 0, 1, "A", NULL, NULL) == 0 &&
+               plcImageOwe(image, NULL) == 1 && takes(image, "AB\0\x02", "\0\xFF\0\x03"),
+           "what was set meanwhile is not ours any more, though it was the same");
+    testOk(plcImageSet(image, 1, 1, "C", NULL, "D") == 0 &&
+               plcImageOwe(image, "AA\0\x02") && takes(image, "AB\0\x02", "\0\x03\0\0"),
+           "it is when another value was expected there");
+    plcImageWrite(image, 1, 1, "E", NULL);
+    testOk(plcImageSet(image, 1, 1, "\0", "\x0F", "E") == 1 && plcImageOwe(image, NULL) &&
+               takes(image, "A\x40\0\x02", "\0\xF0\0\x03"),
+           "bits that are set take only themselves out, also of what waits");
+    plcImageWrite(image, 2, 1, "z", NULL);
+    testOk(plcImageOwe(image, "A\x40z\x02") == 0 &&
+               takes(image, "A\x40z\x02", "\0\0\xFF\0"),
+           "what waits leaves in any case");
+    plcImageDestroy(image);
+
+    image = plcImageCreate(0);
+    plcImageTrackWrites(image);
+    plcImageTakeChanges(image, NULL, NULL);
+    testOk(plcImageOwe(image, NULL) == 0, "an image of 0 bytes owes nothing");
+    plcImageDestroy(image);
+
+    image = plcImageCreate(4);
+    plcImageWrite(image, 0, 4, "ABCD", NULL);
+    testOk(plcImageOwe(image, NULL) == 0 && takes(image, "ABCD", "\0\0\0\0"),
+           "an image that does not track knows no bits");
+    plcImageDestroy(image);
+}
+
+/* --- Which bits were written: against a model --------------------------------------- */
+
+#define SMALL 12
+#define STEPS 200000
+
+typedef struct model {
+    epicsUInt8 bytes[SMALL], changed[SMALL], ours[SMALL];
+    int dirty;
+} model;
+
+static epicsUInt32 seed = 4711;
+
+static epicsUInt32 random32(epicsUInt32 below)
+{
+    seed = seed * 1664525u + 1013904223u;
+    return (seed >> 8) % below;
+}
+
+/* Few different bytes, so that values are often the same. */
+static void randomBytes(epicsUInt8 *bytes)
+{
+    static const epicsUInt8 some[] = {0, 1, 0x80, 0xFF};
+    int i;
+
+    for (i = 0; i < SMALL; i++)
+        bytes[i] = some[random32(4)];
+}
+
+static int sameBytes(const epicsUInt8 *a, const epicsUInt8 *b, size_t n)
+{
+    while (n && a[n - 1] == b[n - 1])
+        n--;
+    return n == 0;
+}
+
+/* Puts bits; returns 1 when one changed. */
+static int modelPut(model *m, size_t offset, size_t length, const epicsUInt8 *src,
+                    const epicsUInt8 *mask, int ours)
+{
+    size_t bit;
+    int changed = 0;
+
+    for (bit = 0; bit < 8 * length; bit++) {
+        size_t at = offset + bit / 8;
+        epicsUInt8 one = (epicsUInt8)(1 << bit % 8);
+
+        if (!(mask[bit / 8] & one))
+            continue;
+        changed |= (m->bytes[at] ^ src[bit / 8]) & one;
+        m->bytes[at] = (epicsUInt8)((m->bytes[at] & ~one) | (src[bit / 8] & one));
+        m->changed[at] =
+            (epicsUInt8)(ours ? m->changed[at] | one : m->changed[at] & ~one);
+        m->ours[at] = (epicsUInt8)(ours ? m->ours[at] | one : m->ours[at] & ~one);
+    }
+    return changed != 0;
+}
+
+static int modelOwe(model *m, const epicsUInt8 *shown)
+{
+    int i, any = 0;
+
+    for (i = 0; i < SMALL; i++) {
+        epicsUInt8 owed = m->ours[i] & (shown ? shown[i] ^ m->bytes[i] : 0xFF);
+
+        m->changed[i] |= owed;
+        any |= owed;
+    }
+    m->dirty |= any != 0;
+    return any != 0;
+}
+
+static void modelForget(model *m)
+{
+    memset(m->changed, 0, SMALL);
+    m->dirty = 0;
+}
+
+/* One random step on both. Returns 0 when they agree. */
+static int randomStep(plcImage *image, model *m)
+{
+    epicsUInt8 src[SMALL], mask[SMALL], expected[SMALL], got[SMALL], gotMask[SMALL];
+    size_t offset = random32(SMALL + 1);
+    size_t length = random32((epicsUInt32)(SMALL - offset + 1));
+    int masked = random32(2) != 0, wrong = 0;
+
+    randomBytes(src);
+    memset(mask, 0xFF, SMALL);
+    if (masked)
+        randomBytes(mask);
+    memcpy(expected, m->bytes + offset, length);
+    if (length && random32(2))
+        expected[random32((epicsUInt32)length)] ^= (epicsUInt8)random32(2);
+    switch (random32(8)) {
+    case 0:
+    case 1:
+        wrong =
+            plcImageWrite(image, offset, length, src, masked ? mask : NULL) == m->dirty;
+        modelPut(m, offset, length, src, mask, 1);
+        m->dirty = 1;
+        break;
+    case 2:
+        wrong = plcImageSet(image, offset, length, src, masked ? mask : NULL, NULL) !=
+                modelPut(m, offset, length, src, mask, 0);
+        break;
+    case 3:
+        wrong = plcImageSet(image, offset, length, src, masked ? mask : NULL, expected) !=
+                (sameBytes(expected, m->bytes + offset, length) &&
+                 modelPut(m, offset, length, src, mask, 0));
+        break;
+    case 4:
+        wrong =
+            plcImageOwe(image, masked ? src : NULL) != modelOwe(m, masked ? src : NULL);
+        break;
+    case 5:
+        plcImageTakeChanges(image, got, gotMask);
+        wrong =
+            !sameBytes(got, m->bytes, SMALL) || !sameBytes(gotMask, m->changed, SMALL);
+        modelForget(m);
+        break;
+    case 6:
+        if (masked)
+            plcImageForget(image);
+        else
+            plcImageTake(image, got);
+        modelForget(m);
+        break;
+    default:
+        plcImageTouch(image);
+        m->dirty = 1;
+    }
+    plcImagePeek(image, 0, SMALL, got);
+    return wrong || plcImageDirty(image) != m->dirty || !sameBytes(got, m->bytes, SMALL);
+}
+
+static void testModel(void)
+{
+    plcImage *image = plcImageCreate(SMALL);
+    model m = {{0}, {0}, {0}, 0};
+    int i, wrong = 0;
+
+    plcImageTrackWrites(image);
+    for (i = 0; i < STEPS; i++)
+        wrong += randomStep(image, &m);
+    testOk(wrong == 0, "%d random steps as the model says, %d wrong", STEPS, wrong);
+    plcImageDestroy(image);
+}
+
 /* --- Threads: a block is always filled with one byte value -------------------------- */
 
 #define BLOCK 4096
@@ -144,6 +378,8 @@ static void testEmpty(void)
 typedef struct race {
     plcImage *in, *out;
     int tornIn, tornOut, wrongStamps; /* atomic: what must not happen */
+    int writersEnded;                 /* atomic */
+    epicsUInt8 held[4];               /* of bitTaker */
 } race;
 
 static int isUniform(const epicsUInt8 *bytes, size_t n)
@@ -208,6 +444,54 @@ static void writer(void *arg)
     }
 }
 
+/* Writes its own bytes, and its own bit of a byte that is shared. */
+#define WRITERS 3
+
+static void bitWriter(race *r, int number)
+{
+    epicsUInt8 value, mask = (epicsUInt8)(1 << number);
+    int i;
+
+    for (i = 0; i < 2 * ROUNDS; i++) {
+        value = (epicsUInt8)(i * 7);
+        plcImageWrite(r->out, (size_t)number, 1, &value, NULL);
+        plcImageWrite(r->out, WRITERS, 1, &value, &mask);
+    }
+    epicsAtomicIncrIntT(&r->writersEnded);
+}
+
+static void bitWriter0(void *r)
+{
+    bitWriter(r, 0);
+}
+static void bitWriter1(void *r)
+{
+    bitWriter(r, 1);
+}
+static void bitWriter2(void *r)
+{
+    bitWriter(r, 2);
+}
+
+/* Plays the PLC: holds what came with its mask. Now and then it has lost everything. */
+static void bitTaker(void *arg)
+{
+    race *r = arg;
+    epicsUInt8 bytes[WRITERS + 1], mask[WRITERS + 1];
+    int last, round, i;
+
+    for (round = 0, last = 0; !last; round++) {
+        last = epicsAtomicGetIntT(&r->writersEnded) == WRITERS;
+        if (round % 100 == 99) {
+            memset(r->held, round & 0xFF, sizeof(r->held));
+            plcImageOwe(r->out, round % 200 == 99 ? r->held : NULL);
+        }
+        plcImageTakeChanges(r->out, bytes, mask);
+        for (i = 0; i <= WRITERS; i++)
+            r->held[i] = (epicsUInt8)((r->held[i] & ~mask[i]) | (bytes[i] & mask[i]));
+    }
+}
+
 /* One thread of the race. (epicsThreadMustJoin cannot be had in all releases of Base 7.) */
 typedef struct racer {
     EPICSTHREADFUNC function;
@@ -223,26 +507,33 @@ static void runRacer(void *arg)
     epicsEventMustTrigger(own->ended);
 }
 
+/* Runs all functions, each in a thread, until each of them has ended. */
+static void runRace(race *r, const EPICSTHREADFUNC *functions, size_t count)
+{
+    racer racers[8];
+    size_t i;
+
+    for (i = 0; i < count; i++) {
+        racers[i] = (racer){functions[i], r, epicsEventMustCreate(epicsEventEmpty)};
+        epicsThreadMustCreate("race", epicsThreadPriorityMedium,
+                              epicsThreadGetStackSize(epicsThreadStackMedium), runRacer,
+                              &racers[i]);
+    }
+    for (i = 0; i < count; i++) {
+        epicsEventMustWait(racers[i].ended);
+        epicsEventDestroy(racers[i].ended);
+    }
+}
+
 /* All end after their rounds, whatever the scheduler does. */
 static void testThreads(void)
 {
     static EPICSTHREADFUNC const functions[] = {publisher, reader, reader, reader,
                                                 writer};
-    race r = {plcImageCreate(BLOCK), plcImageCreate(BLOCK), 0, 0, 0};
-    racer racers[sizeof(functions) / sizeof(functions[0])];
-    size_t i;
+    race r = {.in = plcImageCreate(BLOCK), .out = plcImageCreate(BLOCK)};
 
     publish(&r, 0);
-    for (i = 0; i < sizeof(racers) / sizeof(racers[0]); i++) {
-        racers[i] = (racer){functions[i], &r, epicsEventMustCreate(epicsEventEmpty)};
-        epicsThreadMustCreate("race", epicsThreadPriorityMedium,
-                              epicsThreadGetStackSize(epicsThreadStackMedium), runRacer,
-                              &racers[i]);
-    }
-    for (i = 0; i < sizeof(racers) / sizeof(racers[0]); i++) {
-        epicsEventMustWait(racers[i].ended);
-        epicsEventDestroy(racers[i].ended);
-    }
+    runRace(&r, functions, sizeof(functions) / sizeof(functions[0]));
     testOk(r.tornIn == 0, "three readers saw no torn block");
     testOk(r.wrongStamps == 0, "the stamp always belonged to the block");
     testOk(r.tornOut == 0, "the sender took no half-written block");
@@ -250,9 +541,25 @@ static void testThreads(void)
     plcImageDestroy(r.out);
 }
 
+static void testBitThreads(void)
+{
+    static EPICSTHREADFUNC const functions[] = {bitTaker, bitWriter0, bitWriter1,
+                                                bitWriter2};
+    race r = {.out = plcImageCreate(WRITERS + 1)};
+    epicsUInt8 bytes[WRITERS + 1];
+
+    plcImageTrackWrites(r.out);
+    runRace(&r, functions, sizeof(functions) / sizeof(functions[0]));
+    plcImagePeek(r.out, 0, sizeof(bytes), bytes);
+    testOk(memcmp(bytes, r.held, WRITERS) == 0 &&
+               ((bytes[WRITERS] ^ r.held[WRITERS]) & 7) == 0,
+           "every written bit has left with its last value");
+    plcImageDestroy(r.out);
+}
+
 MAIN(imageTest)
 {
-    testPlan(13 + 10 + 10 + 3 + 3);
+    testPlan(13 + 10 + 10 + 3 + 8 + 11 + 1 + 3 + 1);
     testDiag("Input");
     testInput();
     testDiag("Output");
@@ -260,7 +567,12 @@ MAIN(imageTest)
     testDirty();
     testDiag("No bytes");
     testEmpty();
+    testDiag("Which bits were written");
+    testChanges();
+    testOwed();
+    testModel();
     testDiag("Threads");
     testThreads();
+    testBitThreads();
     return testDone();
 }
