@@ -338,6 +338,15 @@ static int writeOutput(plcStation *s, size_t offset, size_t length, const void *
     return 0;
 }
 
+int plcStationListen(plcStation *s, const plcListener *listener, void *pvt)
+{
+    if (s->listener || s->started)
+        return -1;
+    s->listener = listener;
+    s->listenerPvt = pvt;
+    return 0;
+}
+
 size_t plcStationHeader(const plcStation *s)
 {
     return s->options.sync ? PLC_HEADER_SIZE : 0;
@@ -558,6 +567,13 @@ int plcStationSetOption(plcStation *s, const char *key, const char *value, char 
     plcStationGate(s);
     plcStationWake(s);
     return 0;
+}
+
+void plcStationGetOptions(plcStation *s, plcOptions *options)
+{
+    epicsMutexMustLock(s->lock);
+    *options = s->options;
+    epicsMutexUnlock(s->lock);
 }
 
 void plcStationStats(plcStation *s, plcStats *stats)

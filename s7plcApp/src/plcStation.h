@@ -15,6 +15,7 @@
 #include <epicsTypes.h>
 
 #include "plcImage.h"
+#include "plcOptions.h"
 #include "plcPolicy.h"
 #include "plcStats.h"
 #include "plcUsers.h"
@@ -93,6 +94,25 @@ int plcStationWriteFollower(plcStation *station, size_t offset, size_t length,
                             const void *data, const void *mask,
                             char reason[PLC_REASON_SIZE]);
 
+/* --- A second face of the station, beside the records (an asyn port) ---------------------- */
+
+/* What it is told; a NULL function is left out. All are called in the station's thread,
+ * which waits for them: they must not block, and a block is theirs until they return. */
+typedef struct plcListener {
+    /* The PLC that leads sent this block of inSize bytes: it was not looked at yet. */
+    void (*received)(void *pvt, const void *block);
+    /* The records have this block now. */
+    void (*delivered)(void *pvt, const void *block, const epicsTimeStamp *stamp);
+    /* All bytes of this output block, outSize bytes, are with the kernel. */
+    void (*sent)(void *pvt, const void *block);
+    /* The connection or the validity of the input may have changed: ask again. */
+    void (*changed)(void *pvt);
+} plcListener;
+
+/* Registers the one listener of a station; before iocInit. Returns 0; or -1 when there is
+ * one, or the station runs already. */
+int plcStationListen(plcStation *station, const plcListener *listener, void *pvt);
+
 /* --- Read-back: the PLC shows what it holds of our outputs ------------------------------- */
 
 /* Bytes at the start of both blocks that are no data: the header of sync=on, or 0. */
@@ -153,6 +173,9 @@ void plcStationSend(plcStation *station);
 /* Sets an option of plcOptions.h by its key. Returns 0 or -1 with the message in error. */
 int plcStationSetOption(plcStation *station, const char *key, const char *value,
                         char *error, size_t size);
+
+/* A copy of the options as they are now. */
+void plcStationGetOptions(plcStation *station, plcOptions *options);
 
 /* A consistent copy of the counters. */
 void plcStationStats(plcStation *station, plcStats *stats);

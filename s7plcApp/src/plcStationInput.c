@@ -70,6 +70,7 @@ void plcInputInvalidate(plcStation *s, int state, const char *reason)
     if (lost)
         plcScanRequestAll(s->inScan);
     plcScanRequestAll(s->statusScan);
+    plcStationChanged(s);
 }
 
 /* The time stamp of a block: its arrival, or the PLC's own clock. */
@@ -107,6 +108,8 @@ static void deliver(plcStation *s, const void *block, const epicsTimeStamp *stam
     s->valid = 1;
     s->holding = 0;
     s->lastDeliver = now;
+    if (s->listener && s->listener->delivered)
+        s->listener->delivered(s->listenerPvt, block, stamp);
     coalesced = changesOnly
                     ? plcScanRequestChanged(s->inScan, before, plcImageBytes(s->in))
                     : plcScanRequestAll(s->inScan);
@@ -302,6 +305,8 @@ void plcInputBlock(plcStation *s, const void *block, epicsTimeStamp stamp, size_
 {
     epicsUInt64 wake = PLC_NEVER;
 
+    if (s->listener && s->listener->received)
+        s->listener->received(s->listenerPvt, block);
     epicsMutexMustLock(s->lock);
     if (s->lastBlock)
         plcStatsPeriod(&s->stats, (now - s->lastBlock) / PLC_NS_PER_MS / count);

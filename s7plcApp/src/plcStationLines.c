@@ -83,6 +83,7 @@ static void setLeader(plcStation *s, int leader, epicsUInt64 now)
             plcImageTouch(s->out);
     }
     plcScanRequestAll(s->statusScan);
+    plcStationChanged(s);
     if (leader >= 0 && before >= 0 && before != leader) {
         s->lastAlive = 0; /* another PLC, another alive word */
         retire(s, before, now);

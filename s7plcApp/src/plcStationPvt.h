@@ -57,6 +57,8 @@ struct plcStation {
     int following;                /* atomic: the callback is queued */
     plcScan *inScan, *outScan, *statusScan, *statsScan;
     plcUsers *users;
+    const plcListener *listener; /* NULL: none; set before the thread starts */
+    void *listenerPvt;
 
     /* from any thread to ours */
     int wakePipe[2];
@@ -118,6 +120,13 @@ void plcStationThread(void *arg);
 /* Opens or closes the output image for puts, after anything changed that matters to it.
  * Any thread. */
 void plcStationGate(plcStation *station);
+
+/* Tells the listener, if there is one, that something may have changed. */
+static inline void plcStationChanged(plcStation *s)
+{
+    if (s->listener && s->listener->changed)
+        s->listener->changed(s->listenerPvt);
+}
 
 /* Makes the thread look around. Any thread, also with locks held. */
 void plcStationWake(void *station);

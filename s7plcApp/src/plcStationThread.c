@@ -71,10 +71,13 @@ static void sendBlock(plcStation *s, int restart, epicsUInt64 now, epicsUInt64 *
     plcConnection *c = &s->lines[leader].connection;
     int status = plcConnectionSend(c, restart, now);
 
-    if (status > 0)
+    if (status > 0) {
         countSent(s, now);
-    else if (status < 0)
+        if (s->listener && s->listener->sent)
+            s->listener->sent(s->listenerPvt, c->out);
+    } else if (status < 0) {
         plcLineLost(s, leader, now, c->error);
+    }
     if (status)
         *wake = now;
 }
