@@ -69,7 +69,7 @@ static int usage(FILE *fp)
         "  -k, --check               check the file, then end\n"
         "  -h, --help                this text\n"
         "\nKeys of the file, with their defaults:\n%s"
-        "\nStatements of the file: db, init, signal, mirror, tx, rx. Type `help` for "
+        "\nStatements of the file: db, init, signal, mirror, modbus, tx, rx. Type `help` for "
         "commands.\n",
         keys.text);
     simTextFree(&keys);
@@ -229,6 +229,9 @@ static int configure(simulator *sim, const options *opt)
 static void sayListening(const simPlc *plc)
 {
     simSay("plcSim: %s listening on %s", plc->name, simServerAddress(&plc->server));
+    if (plc->modbus.enabled)
+        simSay("plcSim: %s Modbus listening on %s", plc->name,
+               simModbusAddress(&plc->modbus));
 }
 
 /* Both halves listen on the same port: with port 0, on one that is free for both. */
@@ -244,7 +247,7 @@ static int startServers(simulator *sim)
             return -1;
         if (sim->count == 1 ||
             simPlcStart(&sim->plc[1], config->second,
-                        ntohs(sim->plc[0].server.address.sin_port)) == 0)
+                        ntohs(sim->plc[0].server.listener.address.sin_port)) == 0)
             return 0;
         simPlcStop(&sim->plc[0]);
         simPlcStop(&sim->plc[1]);

@@ -57,6 +57,7 @@ static int numberArg(call *c, size_t index, unsigned long max, unsigned long *va
 {
     char *end;
 
+    *value = 0;
     if (index >= c->count)
         return fail(c, "a number is missing");
     errno = 0;
@@ -120,6 +121,7 @@ static void showPlc(call *c, simPlc *plc)
     simTextAdd(out, "faults:%s", plc->program.refuseSync ? " refuse-sync" : "");
     simServerFaultText(server, out);
     simTextAdd(out, "\n");
+    simModbusStatus(&plc->modbus, out);
 }
 
 static int doStatus(call *c)
@@ -214,6 +216,84 @@ static int doHmi(call *c)
     int named = point != pointNone;
 
     return simPlcHmi(c->plc, point, c->words + named, c->count - (size_t)named, c->error);
+}
+
+/* ---- Modbus ---- */
+
+/* modbus received [n] */
+static int modbusReceived(call *c)
+{
+    unsigned long wanted = 1;
+
+    if (c->count > 1 && numberArg(c, 1, 1000000, &wanted))
+        return -1;
+    simModbusReceived(&c->plc->modbus, wanted, c->out);
+    return 0;
+}
+
+static int modbusRefuse(call *c)
+{
+    int on;
+
+    c->words++;
+    c->count--;
+    if (onOff(c, &on))
+        return -1;
+    simModbusRefuse(&c->plc->modbus, on);
+    return 0;
+}
+
+static int modbusClose(call *c)
+{
+    simModbusDrop(&c->plc->modbus, !strcasecmp(c->words[0], "reset"),
+                  "ended at the console");
+    return 0;
+}
+
+static int modbusNormal(call *c)
+{
+    simModbusFaultsClear(&c->plc->modbus.faults);
+    simModbusRefuse(&c->plc->modbus, 0);
+    return 0;
+}
+
+static int modbusClear(call *c)
+{
+    simModbusClearCounts(&c->plc->modbus);
+    return 0;
+}
+
+static const struct modbusCommand {
+    const char *name;
+    size_t max; /* words, with the name */
+    commandFn fn;
+} modbusCommands[] = {
+    {"received", 2, modbusReceived}, {"refuse", 2, modbusRefuse},
+    {"close", 1, modbusClose},       {"reset", 1, modbusClose},
+    {"normal", 1, modbusNormal},     {"clear", 1, modbusClear},
+};
+
+/* Without a word: the status. The rest are faults. */
+static int doModbus(call *c)
+{
+    simModbus *modbus = &c->plc->modbus;
+    size_t i;
+
+    if (!modbus->loop)
+        return fail(c, "this PLC has no Modbus: modbus_port in the file switches it on");
+    if (!c->count) {
+        simModbusStatus(modbus, c->out);
+        return 0;
+    }
+    for (i = 0; i < sizeof(modbusCommands) / sizeof(modbusCommands[0]); i++)
+        if (!strcasecmp(c->words[0], modbusCommands[i].name) &&
+            c->count <= modbusCommands[i].max)
+            return modbusCommands[i].fn(c);
+    if (!simModbusFaultKnown(c->words[0]))
+        return fail(c, "\"%.40s\": allowed are exception, busy, slow, silent, wrongunit, "
+                    "wrongid, short, close, garbage, reset, refuse, normal, received, "
+                    "clear", c->words[0]);
+    return simModbusFaultParse(&modbus->faults, c->words, c->count, c->error);
 }
 
 /* ---- faults ---- */
@@ -345,7 +425,8 @@ static int doNormal(call *c)
     c->plc->freeze = freezeNothing;
     c->plc->program.refuseSync = 0;
     simServerClearFaults(&c->plc->server);
-    return 0;
+    simModbusUnplug(&c->plc->modbus, 0);
+    return modbusNormal(c);
 }
 
 static int doFreeze(call *c)
@@ -401,6 +482,7 @@ static int doUnplug(call *c)
     if (!plc)
         return -1;
     simServerUnplug(&plc->server, 1);
+    simModbusUnplug(&plc->modbus, 1);
     return 0;
 }
 
@@ -411,6 +493,7 @@ static int doPlug(call *c)
     if (!plc)
         return -1;
     simServerUnplug(&plc->server, 0);
+    simModbusUnplug(&plc->modbus, 0);
     return 0;
 }
 
@@ -550,6 +633,8 @@ static const struct command {
      "counters, or all signals, stand still"},
     {"unfreeze", 0, 0, doUnfreeze, 1, "", "they move again"},
     {"normal", 0, 0, doNormal, 1, "", "end all faults"},
+    {"modbus", 0, SIM_MAX_WORDS, doModbus, 1, "[<fault> ... | received [n] | ...]",
+     "Modbus: status, faults, last requests"},
     {"restart", 0, 3, doRestart, 1, "[n] [ms] [cold]",
      "power the PLC (of a pair: n) off and on"},
     {"switchover", 0, 0, doSwitchover, 1, "", "the PRIMARY hands over to the BACKUP"},

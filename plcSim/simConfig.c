@@ -20,7 +20,7 @@
 
 /* ---- keys ---- */
 
-typedef enum keyKind { keyText, keyCount, keyUnsigned, keyTime, keyChoice } keyKind;
+typedef enum keyKind { keyText, keyCount, keyUnsigned, keyTime, keyChoice, keyOrNone } keyKind;
 
 /* clang-format off */
 static const struct key {
@@ -29,7 +29,7 @@ static const struct key {
     size_t offset;   /* in simConfig */
     double min, max; /* of numbers; of times in s */
     const char *initial;
-    const char *choices; /* "no|yes": the index is stored */
+    const char *choices; /* "no|yes": the index is stored; keyOrNone: the word for -1 */
     const char *help;
 } keys[] = {
 #define AT(member) offsetof(simConfig, member)
@@ -82,6 +82,12 @@ static const struct key {
      "interface of FIRST whose cable is watched"},
     {"interface_second", keyText, AT(interface[1]), 1, 15, "", NULL,
      "interface of SECOND whose cable is watched"},
+    {"modbus_port", keyOrNone, AT(modbusPort), 0, 65535, "off", "off",
+     "Modbus/TCP port, 0 = any free one"},
+    {"modbus_unit", keyOrNone, AT(modbusUnit), 0, 255, "1", "any",
+     "unit id that is answered (default 1), or any"},
+    {"modbus_otherunit", keyChoice, AT(modbusGateway), 0, 0, "silence",
+     "silence|exception", "what a request for another unit gets: nothing, or exception 11"},
 #undef AT
 };
 /* clang-format on */
@@ -95,12 +101,17 @@ static int setNumber(const struct key *key, void *member, const char *value,
     unsigned long number;
     int hex = value[0] == '0' && tolower((unsigned char)value[1]) == 'x';
 
+    if (key->kind == keyOrNone && !strcasecmp(value, key->choices)) {
+        *(int *)member = -1;
+        return 0;
+    }
     errno = 0;
     number = strtoul(value, &end, hex ? 16 : 10);
     if (!isdigit((unsigned char)value[0]) || *end || errno || (double)number < key->min ||
         (double)number > key->max)
-        return simFail(error, "%s = %.40s: allowed is a number %.0f ... %.0f", key->name,
-                       value, key->min, key->max);
+        return simFail(error, "%s = %.40s: allowed is %s%sa number %.0f ... %.0f",
+                       key->name, value, key->choices ? key->choices : "",
+                       key->choices ? " or " : "", key->min, key->max);
     if (key->kind == keyCount)
         *(size_t *)member = number;
     else

@@ -43,6 +43,9 @@ typedef struct simConfig {
     char fibre[SIM_MAX_ADDRESS];
     char interface[2][16]; /* of FIRST and SECOND */
     double switchover, startWait;
+    int modbusPort; /* -1 = no Modbus, 0 = any free one */
+    int modbusUnit; /* -1 = any */
+    int modbusGateway;
     simLine *lines;
     size_t lineCount;
 } simConfig;

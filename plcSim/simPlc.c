@@ -86,6 +86,11 @@ static int addRx(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_S
     return simProgramTransfer(&plc->program, 0, words, count, error);
 }
 
+static int addModbus(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE])
+{
+    return simMapStatement(&plc->modbus.map, words, count, error);
+}
+
 /* db <number> <bytes> [name] */
 static int addBlock(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE])
 {
@@ -169,6 +174,7 @@ static const struct statement {
     {"mirror", addMirror, 1, 0, 1},
     {"tx",     addTx,     1, 0, 0},
     {"rx",     addRx,     1, 0, 0},
+    {"modbus", addModbus, 1, 0, 0},
 };
 
 static const struct statement *findStatement(const char *name)
@@ -203,7 +209,7 @@ static int runStatements(simPlc *plc, int pass, simText *out)
         if (!statement && pass == 0) {
             simTextAdd(out,
                        "%s:%u: \"%.40s\" is no statement: allowed are db, init, signal, "
-                       "mirror, tx, rx, and key = value\n",
+                       "mirror, modbus, tx, rx, and key = value\n",
                        plc->config->file, line->number, line->words[0]);
             errors++;
         } else if (statement && statement->pass == pass &&
@@ -249,6 +255,24 @@ static void setUpProgram(simPlc *plc)
     program->arg = plc;
 }
 
+static int setUpModbus(simPlc *plc, simText *out)
+{
+    const simConfig *config = plc->config;
+    const char *problem = NULL;
+
+    plc->modbus.enabled = config->modbusPort >= 0;
+    plc->modbus.unit = config->modbusUnit;
+    plc->modbus.gateway = config->modbusGateway;
+    if (plc->modbus.enabled && config->role != simSingle)
+        problem = "Modbus is for one PLC: modbus_port needs role = single";
+    else if (!plc->modbus.enabled && plc->modbus.map.count)
+        problem = "there are modbus areas, but modbus_port = off";
+    if (!problem)
+        return 0;
+    simTextAdd(out, "%s: %s\n", config->file, problem);
+    return 1;
+}
+
 static void makeHistory(simPlc *plc)
 {
     size_t size = plc->config->out;
@@ -276,6 +300,7 @@ int simPlcBuild(simPlc *plc, simLoop *loop, const simConfig *config, const char 
     plc->period = config->period;
     plc->local = config->local;
     simMemoryInit(&plc->memory, config->bigEndian);
+    simMapInit(&plc->modbus.map, &plc->memory);
     simMemoryAdd(&plc->memory, SIM_AREA_I, 0, AREA_SIZE, NULL);
     simMemoryAdd(&plc->memory, SIM_AREA_Q, 0, AREA_SIZE, NULL);
     simMemoryAdd(&plc->memory, SIM_AREA_M, 0, AREA_SIZE, NULL);
@@ -288,6 +313,7 @@ int simPlcBuild(simPlc *plc, simLoop *loop, const simConfig *config, const char 
         simTextAdd(out, "%s: %s\n", config->file, error);
         errors++;
     }
+    errors += setUpModbus(plc, out);
     makeHistory(plc);
     return errors;
 }
@@ -316,6 +342,7 @@ void simPlcFree(simPlc *plc)
     free(plc->signals);
     free(plc->mirrors);
     forgetHmi(plc);
+    simMapFree(&plc->modbus.map);
     simProgramFree(&plc->program);
     simMemoryFree(&plc->memory);
 }
@@ -477,6 +504,9 @@ int simPlcStart(simPlc *plc, const char *address, unsigned port)
     if (simServerOpen(&plc->server, plc->loop, plc->name, address, port, plc->config->in,
                       plc->config->out, &serverEvents, plc))
         return -1;
+    if (plc->modbus.enabled && simModbusOpen(&plc->modbus, plc->loop, plc->name, address,
+                                             (unsigned)plc->config->modbusPort))
+        return -1;
     plc->epoch = plc->next = simNow();
     onCycle(plc);
     return 0;
@@ -487,10 +517,11 @@ void simPlcStop(simPlc *plc)
     simTimerStop(plc->loop, &plc->cycle);
     simTimerStop(plc->loop, &plc->power);
     simTimerStop(plc->loop, &plc->watch);
+    simModbusClose(&plc->modbus);
     if (plc->server.loop)
         simServerClose(&plc->server);
     memset(&plc->server, 0, sizeof(plc->server));
-    plc->server.listener = plc->server.client = -1;
+    plc->server.client = -1;
 }
 
 void simPlcPeriod(simPlc *plc, double seconds)
@@ -525,6 +556,7 @@ static void onPower(void *arg)
     plc->epoch = plc->next = simNow();
     simLog(plc->name, "restarted");
     simServerPower(&plc->server, 1);
+    simModbusPower(&plc->modbus, 1);
     onCycle(plc);
 }
 
@@ -557,6 +589,7 @@ void simPlcRestart(simPlc *plc, double seconds, int cold)
     plc->restarts++;
     simTimerStop(plc->loop, &plc->cycle);
     simServerPower(&plc->server, 0);
+    simModbusPower(&plc->modbus, 0);
     simTimerStop(plc->loop, &plc->watch);
     simProgramRestart(&plc->program);
     clearMemory(plc, cold);

@@ -9,6 +9,7 @@
 #include "simConfig.h"
 #include "simLoop.h"
 #include "simMemory.h"
+#include "simModbus.h"
 #include "simProgram.h"
 #include "simServer.h"
 #include "simSignal.h"
@@ -33,6 +34,7 @@ typedef struct simPlc {
     simMemory memory;
     simBlock *tx, *rx; /* IE_TX, IE_RX; NULL when they have no bytes */
     simServer server;
+    simModbus modbus; /* on the same memory; see its `enabled` */
     simProgram program;
     simSignal *signals;
     size_t signalCount;

@@ -3,14 +3,7 @@
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */
-#ifndef _GNU_SOURCE
-#define _GNU_SOURCE /* accept4 */
-#endif
-#include <arpa/inet.h>
 #include <errno.h>
-#include <fcntl.h>
-#include <netdb.h>
-#include <netinet/tcp.h>
 #include <poll.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -23,7 +16,6 @@
 
 #include "simServer.h"
 
-#define BACKLOG 16
 #define MAX_QUEUED (4u * 1024 * 1024) /* bytes that `delay` may hold back */
 #define FLOOD_BATCH 65536u            /* bytes made ready per round of a flood */
 #define MAX_PARTS 64                  /* chunks that leave with one call */
@@ -38,142 +30,34 @@ typedef struct chunk {
     epicsUInt8 bytes[];
 } chunk;
 
-static void onListener(void *arg, int fd, short revents);
+static void takeClient(void *owner, int fd, const char *peer);
 static void onClient(void *arg, int fd, short revents);
 static void update(simServer *server);
 
-/* ---- addresses ---- */
-
-static const char *addressText(const struct sockaddr_in *address, char *text, size_t size)
-{
-    char ip[INET_ADDRSTRLEN] = "?";
-
-    inet_ntop(AF_INET, &address->sin_addr, ip, sizeof(ip));
-    snprintf(text, size, "%s:%u", ip, (unsigned)ntohs(address->sin_port));
-    return text;
-}
+/* ---- opening and closing ---- */
 
 const char *simServerAddress(const simServer *server)
 {
-    static char text[64];
-
-    return addressText(&server->address, text, sizeof(text));
-}
-
-static int resolve(const char *name, unsigned port, struct sockaddr_in *address)
-{
-    struct addrinfo hints;
-    struct addrinfo *found = NULL;
-
-    memset(&hints, 0, sizeof(hints));
-    hints.ai_family = AF_INET;
-    hints.ai_socktype = SOCK_STREAM;
-    if (getaddrinfo(name, NULL, &hints, &found) || !found)
-        return -1;
-    memcpy(address, found->ai_addr, sizeof(*address));
-    address->sin_port = htons((unsigned short)port);
-    freeaddrinfo(found);
-    return 0;
-}
-
-/* ---- listening ---- */
-
-static int bindSocket(simServer *server)
-{
-    socklen_t length = sizeof(server->address);
-    int on = 1;
-    int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-
-    if (fd < 0)
-        return -1;
-    setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof(on));
-    if (server->receiveBuffer)
-        setsockopt(fd, SOL_SOCKET, SO_RCVBUF, &server->receiveBuffer, sizeof(int));
-    if (bind(fd, (struct sockaddr *)&server->address, sizeof(server->address)) ||
-        getsockname(fd, (struct sockaddr *)&server->address, &length)) {
-        close(fd);
-        return -1;
-    }
-    return fd;
-}
-
-/* With a full accept queue the kernel drops a SYN without an answer, which is what a
- * pulled cable looks like from the other end. We fill the queue with connections of our
- * own. */
-static void fillQueue(simServer *server)
-{
-    int i;
-
-    listen(server->listener, 0);
-    for (i = 0; i < SIM_DECOYS; i++) {
-        server->decoys[i] =
-            socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-        if (server->decoys[i] >= 0)
-            connect(server->decoys[i], (struct sockaddr *)&server->address,
-                    sizeof(server->address));
-    }
-}
-
-static void closeDecoys(simServer *server)
-{
-    int i;
-
-    for (i = 0; i < SIM_DECOYS; i++) {
-        if (server->decoys[i] >= 0)
-            close(server->decoys[i]);
-        server->decoys[i] = -1;
-    }
-}
-
-/* Makes the listening socket anew, for the state of things: unplugged it answers nobody;
- * off or refusing it is bound but does not listen, so that connects get RST and the port
- * stays ours. */
-static int listenAgain(simServer *server)
-{
-    int wanted = !server->down && !server->faults.refuse;
-
-    if (server->listener >= 0) {
-        simLoopForget(server->loop, server->listener);
-        close(server->listener);
-    }
-    closeDecoys(server);
-    server->listener = bindSocket(server);
-    if (server->listener < 0 ||
-        (wanted && !server->faults.unplugged && listen(server->listener, BACKLOG))) {
-        simComplain(server->name, "cannot listen on %s: %s", simServerAddress(server),
-                    strerror(errno));
-        return -1;
-    }
-    if (server->faults.unplugged)
-        fillQueue(server);
-    else if (wanted)
-        simLoopWatch(server->loop, server->listener, POLLIN, onListener, server);
-    return 0;
+    return simListenerAddress(&server->listener);
 }
 
 int simServerOpen(simServer *server, simLoop *loop, const char *name, const char *address,
                   unsigned port, size_t inSize, size_t outSize,
                   const simServerEvents *events, void *owner)
 {
-    int i;
-
     server->loop = loop;
     server->name = name;
     server->events = events;
     server->owner = owner;
     server->inSize = inSize;
     server->outSize = outSize;
-    server->listener = server->client = -1;
+    server->client = -1;
     server->inbox = callocMustSucceed(1, outSize + 1, "simServerOpen");
     ellInit(&server->queue);
-    for (i = 0; i < SIM_DECOYS; i++)
-        server->decoys[i] = -1;
     server->faults.truncate = server->faults.cut = -1;
-    if (resolve(address, port, &server->address)) {
-        simComplain(name, "cannot find the address \"%s\"", address);
-        return -1;
-    }
-    return listenAgain(server);
+    server->listener.receiveBuffer = server->receiveBuffer;
+    return simListenerOpen(&server->listener, loop, name, address, port, takeClient,
+                           server);
 }
 
 static void dropQueue(simServer *server)
@@ -192,12 +76,8 @@ void simServerClose(simServer *server)
         simLoopForget(server->loop, server->client);
         close(server->client);
     }
-    if (server->listener >= 0) {
-        simLoopForget(server->loop, server->listener);
-        close(server->listener);
-    }
-    server->client = server->listener = -1;
-    closeDecoys(server);
+    server->client = -1;
+    simListenerClose(&server->listener);
     dropQueue(server);
     free(server->inbox);
     server->inbox = NULL;
@@ -251,12 +131,18 @@ void simServerDrop(simServer *server, int reset, const char *reason)
     server->events->disconnected(server->owner, reason);
 }
 
-static void takeClient(simServer *server, int fd, const struct sockaddr_in *peer)
+/* A second client replaces the first, or is sent away. */
+static void takeClient(void *owner, int fd, const char *peer)
 {
-    int on = 1;
+    simServer *server = owner;
 
-    addressText(peer, server->peer, sizeof(server->peer));
-    setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof(on));
+    if (server->client >= 0 && server->keepFirst) {
+        simLog(server->name, "second connection sent away");
+        close(fd);
+        return;
+    }
+    simServerDrop(server, 0, "replaced by a new connection");
+    snprintf(server->peer, sizeof(server->peer), "%s", peer);
     server->client = fd;
     server->filled = 0;
     server->nextPiece = 0;
@@ -265,54 +151,6 @@ static void takeClient(simServer *server, int fd, const struct sockaddr_in *peer
     simLog(server->name, "connection from %s", server->peer);
     update(server);
     server->events->connected(server->owner);
-}
-
-/* Our own connections, which filled the queue while unplugged, are no clients. */
-static int isDecoy(simServer *server, const struct sockaddr_in *peer)
-{
-    struct sockaddr_in own;
-    socklen_t length;
-    int i;
-
-    for (i = 0; i < SIM_DECOYS; i++) {
-        length = sizeof(own);
-        if (server->decoys[i] >= 0 &&
-            getsockname(server->decoys[i], (struct sockaddr *)&own, &length) == 0 &&
-            own.sin_port == peer->sin_port &&
-            own.sin_addr.s_addr == peer->sin_addr.s_addr)
-            return 1;
-    }
-    return 0;
-}
-
-static void acceptAll(simServer *server)
-{
-    struct sockaddr_in peer;
-    socklen_t length = sizeof(peer);
-    int fd;
-
-    while ((fd = accept4(server->listener, (struct sockaddr *)&peer, &length,
-                         SOCK_CLOEXEC | SOCK_NONBLOCK)) >= 0) {
-        length = sizeof(peer);
-        if (isDecoy(server, &peer)) {
-            close(fd);
-            continue;
-        }
-        if (server->client >= 0 && server->keepFirst) {
-            simLog(server->name, "second connection sent away");
-            close(fd);
-            continue;
-        }
-        simServerDrop(server, 0, "replaced by a new connection");
-        takeClient(server, fd, &peer);
-    }
-}
-
-static void onListener(void *arg, int fd, short revents)
-{
-    (void)fd;
-    (void)revents;
-    acceptAll(arg);
 }
 
 /* ---- sending ---- */
@@ -597,10 +435,9 @@ static void onClient(void *arg, int fd, short revents)
 
 void simServerPower(simServer *server, int on)
 {
-    server->down = !on;
     if (!on)
         simServerDrop(server, 1, "PLC off");
-    listenAgain(server);
+    simListenerPower(&server->listener, on);
 }
 
 void simServerSilence(simServer *server, int on)
@@ -612,7 +449,7 @@ void simServerSilence(simServer *server, int on)
 void simServerRefuse(simServer *server, int on)
 {
     server->faults.refuse = on;
-    listenAgain(server);
+    simListenerRefuse(&server->listener, on);
 }
 
 void simServerStall(simServer *server, int on)
@@ -641,28 +478,12 @@ void simServerFragment(simServer *server, size_t bytes, double pause)
     update(server);
 }
 
-/* The listening socket stays, so that connects which were tried meanwhile come through.
- */
-static void plugIn(simServer *server)
-{
-    if (server->down || server->faults.refuse || listen(server->listener, BACKLOG)) {
-        listenAgain(server);
-        return;
-    }
-    acceptAll(server);
-    closeDecoys(server);
-    simLoopWatch(server->loop, server->listener, POLLIN, onListener, server);
-}
-
 void simServerUnplug(simServer *server, int on)
 {
     if (server->faults.unplugged == on)
         return;
     server->faults.unplugged = on;
-    if (on)
-        listenAgain(server);
-    else
-        plugIn(server);
+    simListenerUnplug(&server->listener, on);
     update(server);
 }
 
@@ -674,7 +495,7 @@ void simServerClearFaults(simServer *server)
     memset(&server->faults, 0, sizeof(server->faults));
     server->faults.truncate = server->faults.cut = -1;
     if (refused)
-        listenAgain(server);
+        simListenerRefuse(&server->listener, 0);
     update(server);
 }
 

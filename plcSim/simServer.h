@@ -8,8 +8,7 @@
 #ifndef INC_simServer_H
 #define INC_simServer_H
 
-#include <netinet/in.h>
-
+#include "simListener.h"
 #include "simLog.h"
 #include "simLoop.h"
 #include "simMemory.h"
@@ -44,8 +43,6 @@ typedef struct simServerCounts {
     epicsUInt64 blocksReceived, bytesReceived;
 } simServerCounts;
 
-#define SIM_DECOYS 8
-
 typedef struct simServer {
     simLoop *loop;
     const char *name;
@@ -54,10 +51,9 @@ typedef struct simServer {
     size_t inSize, outSize; /* bytes PLC->IOC and IOC->PLC */
     int keepFirst;     /* a second client is sent away instead of replacing the first */
     int receiveBuffer; /* bytes for SO_RCVBUF, 0 = system default */
-    struct sockaddr_in address;
-    int listener, client; /* descriptors, -1 = none */
-    int down;             /* PLC is off */
-    char peer[64];
+    simListener listener;
+    int client; /* descriptor, -1 = none */
+    char peer[SIM_PEER_SIZE];
     ELLLIST queue;    /* what is to be sent */
     size_t queued;    /* bytes in it */
     int corked;       /* blocks are being collected, to leave together */
@@ -68,8 +64,6 @@ typedef struct simServer {
     double connectTime, receiveTime;
     simFaults faults;
     simServerCounts counts;
-    int decoys[SIM_DECOYS]; /* own connections that fill the accept queue while unplugged
-                             */
 } simServer;
 
 /* Starts listening on address:port (0 = any free port). Returns 0, or -1 after a message.

@@ -19,6 +19,7 @@ class Sim:
         self.path = directory / f"sim{number}.sock"
         self.lines = []
         self.port = None
+        self.modbus_port = None  # where the file has modbus_port = 0
         self.process = subprocess.Popen(
             [*wrapper, str(PROGRAM), "-n", "-p", "0", "-c", str(self.path), *options, str(file)],
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
@@ -32,7 +33,9 @@ class Sim:
     def _read(self):
         for raw in self.process.stdout:
             line = raw.decode(errors="replace").rstrip()
-            if " listening on " in line and self.port is None:
+            if " Modbus listening on " in line:
+                self.modbus_port = int(line.rsplit(":", 1)[1])
+            elif " listening on " in line and self.port is None:
                 self.port = int(line.rsplit(":", 1)[1])
             self.lines.append(line)
 

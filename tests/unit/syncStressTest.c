@@ -369,7 +369,7 @@ static void plcStarts(void)
         simPlcStart(&sim.plc[0], "127.0.0.1", 0))
         testAbort("%s", messages.text ? messages.text : "the PLC does not start");
     simTextFree(&messages);
-    port = ntohs(sim.plc[0].server.address.sin_port);
+    port = ntohs(sim.plc[0].server.listener.address.sin_port);
     db = simMemoryFind(&sim.plc[0].memory, SIM_AREA_DB, 10);
     look();
     sim.plc[0].changed = onChanged;
