@@ -153,6 +153,17 @@ static int placeReadback(devRecord *dev, const plcLink *link, plcLinkError *erro
     return 0;
 }
 
+/* The order of the record's bytes: the station's, unless W= says more. */
+static int orderOf(const plcStation *station, const plcLink *link)
+{
+    int bigEndian = plcStationBigEndian(station);
+
+    if (link->type->size < 4)
+        return bigEndian;
+    return link->has & plcHasW ? plcOrder(bigEndian, link->highWordFirst)
+                               : plcStationOrder(station);
+}
+
 /* Fills dev from the completed link. */
 static int place(dbCommon *prec, devRecord *dev, const plcLink *link, size_t room,
                  plcLinkError *error)
@@ -161,8 +172,8 @@ static int place(dbCommon *prec, devRecord *dev, const plcLink *link, size_t roo
     int out = support->direction == devOut;
 
     dev->image = out ? plcStationOutput(dev->station) : plcStationInput(dev->station);
-    dev->bigEndian = plcStationBigEndian(dev->station);
     dev->type = link->type;
+    dev->order = orderOf(dev->station, link);
     dev->offset = link->offset;
     dev->length =
         link->type->kind == plcString ? stringLength(prec, link, room) : link->type->size;
@@ -242,6 +253,7 @@ static void enlist(dbCommon *prec, devRecord *dev)
     user->offset = dev->offset;
     user->length = dev->length;
     user->type = dev->type;
+    user->order = dev->order;
     user->mask = dev->shifted ? *dev->shifted : dev->mask;
     user->hasReadback = (dev->has & plcHasR) != 0;
     user->readback = dev->readback;
@@ -440,7 +452,7 @@ long devFetchInt(dbCommon *prec, epicsInt64 *value)
 
     if (devFetch(prec, bytes))
         return -1;
-    *value = plcGetInt(dev->type, bytes, dev->bigEndian);
+    *value = plcGetInt(dev->type, bytes, dev->order);
     return 0;
 }
 
@@ -472,10 +484,10 @@ long devStoreInt(dbCommon *prec, epicsInt64 value, epicsUInt64 mask)
 
     if (!dev)
         return -1;
-    plcPutInt(dev->type, bytes, dev->bigEndian, value);
+    plcPutInt(dev->type, bytes, dev->order, value);
     if (mask == ~(epicsUInt64)0)
         return devStore(prec, bytes, NULL);
-    plcPutInt(dev->type, bits, dev->bigEndian, (epicsInt64)mask);
+    plcPutInt(dev->type, bits, dev->order, (epicsInt64)mask);
     return devStore(prec, bytes, bits);
 }
 

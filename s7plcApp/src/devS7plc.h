@@ -41,7 +41,7 @@ typedef struct devRecord {
     const plcType *type; /* of one element */
     size_t offset;       /* bytes from the start of the block */
     size_t length;       /* bytes of the whole value */
-    int bigEndian;
+    int order;           /* of its bytes: plcCodec.h */
     unsigned has;    /* options that stood in the link: plcHasT | ... */
     size_t readback; /* R=: offset in the input block, when has & plcHasR */
     epicsInt64 low;  /* L= and H= of integer types */

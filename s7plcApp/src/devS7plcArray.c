@@ -103,7 +103,7 @@ static long readArray(dbCommon *common, void *array)
         plcBcdDecode(array, dev->buffer, dev->length);
     else
         plcCopyElements(array, dev->buffer, dev->type->size,
-                        dev->length / dev->type->size, dev->bigEndian);
+                        dev->length / dev->type->size, dev->order);
     common->udf = FALSE;
     return 0;
 }
@@ -176,7 +176,7 @@ static long writeAao(dbCommon *common)
         plcBcdEncode(dev->buffer, array, dev->length);
     else
         plcCopyElements(dev->buffer, array, dev->type->size,
-                        dev->length / dev->type->size, dev->bigEndian);
+                        dev->length / dev->type->size, dev->order);
     return devStore(common, dev->buffer, NULL);
 }
 
@@ -188,7 +188,7 @@ static void followAao(dbCommon *common, const devRecord *dev, const epicsUInt8 *
         plcBcdDecode(prec->bptr, bytes, dev->length);
     else
         plcCopyElements(prec->bptr, bytes, dev->type->size, dev->length / dev->type->size,
-                        dev->bigEndian);
+                        dev->order);
     prec->nord = prec->nelm;
 }
 
@@ -213,11 +213,11 @@ static int prepareAao(dbCommon *common, devRecord *dev, const plcLink *link,
 
 /* clang-format off */
 const devSupport devS7plcWaveform = {DEV_DSET, readWaveform, NULL, "S7plc", "INP", devIn,
-    {"waveform", 0, 0, plcHasL, NULL}, 0, adaptWaveform, prepareWaveform, NULL, NULL};
+    {"waveform", 0, 0, plcHasL | plcHasW, NULL}, 0, adaptWaveform, prepareWaveform, NULL, NULL};
 const devSupport devS7plcAai = {DEV_DSET, readAai, NULL, "S7plc", "INP", devIn,
-    {"aai", 0, 0, plcHasL, NULL}, 0, adaptAai, prepareAai, NULL, NULL};
+    {"aai", 0, 0, plcHasL | plcHasW, NULL}, 0, adaptAai, prepareAai, NULL, NULL};
 const devSupport devS7plcAao = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
-    {"aao", 0, 0, plcHasL | plcHasR, NULL}, 0, adaptAao, prepareAao,
+    {"aao", 0, 0, plcHasL | plcHasR | plcHasW, NULL}, 0, adaptAao, prepareAao,
     writeAao, followAao};
 /* clang-format on */
 

@@ -55,8 +55,8 @@ static int isNews(const devRecord *dev, const epicsUInt8 *bytes)
 
     if (!dev->known || !dev->mask)
         return !dev->known || memcmp(bytes, dev->shown, dev->length) != 0;
-    difference = plcGetInt(dev->type, bytes, dev->bigEndian) ^
-                 plcGetInt(dev->type, dev->shown, dev->bigEndian);
+    difference = plcGetInt(dev->type, bytes, dev->order) ^
+                 plcGetInt(dev->type, dev->shown, dev->order);
     return (difference & (epicsInt64)dev->mask) != 0;
 }
 
@@ -109,7 +109,7 @@ void devFollowJoin(dbCommon *prec, devRecord *dev)
     if (dev->shifted)
         dev->mask = bits;
     if (bits)
-        plcPutInt(dev->type, mask, dev->bigEndian, (epicsInt64)bits);
+        plcPutInt(dev->type, mask, dev->order, (epicsInt64)bits);
     dev->prec = prec;
     dev->shown = callocMustSucceed(1, dev->length + 1, "devFollowJoin");
     plcStationAddReadback(dev->station, dev, dev->offset, dev->readback, dev->length,

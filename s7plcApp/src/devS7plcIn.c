@@ -91,8 +91,8 @@ static long readAi(dbCommon *common)
     if (devFetch(common, bytes))
         return -1;
     if (dev->type->kind == plcReal)
-        return readAiReal(prec, plcGetReal(dev->type, bytes, dev->bigEndian));
-    raw = plcGetInt(dev->type, bytes, dev->bigEndian);
+        return readAiReal(prec, plcGetReal(dev->type, bytes, dev->order));
+    raw = plcGetInt(dev->type, bytes, dev->order);
     prec->rval = (epicsInt32)raw;
     if (prec->udf)
         prec->init = TRUE; /* the record does not smooth its first value */
@@ -271,17 +271,17 @@ static int adaptLsi(dbCommon *common, const plcLink *link, plcShape *shape, size
 
 /* clang-format off */
 const devSupport devS7plcAi = {DEV_DSET, readAi, linconvAi, "S7plc", "INP", devIn,
-    {"ai", ANALOG, 4, plcHasL | plcHasH, "INT16"}, 0, NULL, prepareAi, NULL, NULL};
+    {"ai", ANALOG, 4, plcHasL | plcHasH | plcHasW, "INT16"}, 0, NULL, prepareAi, NULL, NULL};
 const devSupport devS7plcBi = {DEV_DSET, readBi, NULL, "S7plc", "INP", devIn,
-    {"bi", plcInteger, 8, plcHasB, "INT16"}, 0, NULL, prepareBi, NULL, NULL};
+    {"bi", plcInteger, 8, plcHasB | plcHasW, "INT16"}, 0, NULL, prepareBi, NULL, NULL};
 const devSupport devS7plcMbbi = {DEV_DSET, readMbbi, NULL, "S7plc", "INP", devIn,
-    {"mbbi", plcInteger, 4, 0, "INT16"}, 0, NULL, prepareMbbi, NULL, NULL};
+    {"mbbi", plcInteger, 4, plcHasW, "INT16"}, 0, NULL, prepareMbbi, NULL, NULL};
 const devSupport devS7plcMbbiDirect = {DEV_DSET, readMbbiDirect, NULL, "S7plc", "INP",
-    devIn, {"mbbiDirect", plcInteger, 4, 0, "INT16"}, 0, NULL, prepareMbbiDirect, NULL, NULL};
+    devIn, {"mbbiDirect", plcInteger, 4, plcHasW, "INT16"}, 0, NULL, prepareMbbiDirect, NULL, NULL};
 const devSupport devS7plcLongin = {DEV_DSET, readLongin, NULL, "S7plc", "INP", devIn,
-    {"longin", plcInteger, 4, 0, "INT16"}, 0, NULL, prepareLongin, NULL, NULL};
+    {"longin", plcInteger, 4, plcHasW, "INT16"}, 0, NULL, prepareLongin, NULL, NULL};
 const devSupport devS7plcInt64in = {DEV_DSET, readInt64in, NULL, "S7plc", "INP", devIn,
-    {"int64in", plcInteger, 8, 0, "INT16"}, 0, NULL, NULL, NULL, NULL};
+    {"int64in", plcInteger, 8, plcHasW, "INT16"}, 0, NULL, NULL, NULL, NULL};
 const devSupport devS7plcStringin = {DEV_DSET, readStringin, NULL, "S7plc", "INP", devIn,
     {"stringin", plcString, 1, plcHasL, "STRING"}, 0, adaptStringin, devPrepareString,
     NULL, NULL};

@@ -88,7 +88,7 @@ static long storeReal(dbCommon *common, double value)
     const devRecord *dev = common->dpvt;
     epicsUInt8 bytes[DEV_SCALAR];
 
-    plcPutReal(dev->type, bytes, dev->bigEndian, value);
+    plcPutReal(dev->type, bytes, dev->order, value);
     return devStore(common, bytes, NULL);
 }
 
@@ -251,9 +251,9 @@ static void followAo(dbCommon *common, const devRecord *dev, const epicsUInt8 *b
     double value;
 
     if (dev->type->kind == plcReal) {
-        value = plcGetReal(dev->type, bytes, dev->bigEndian);
+        value = plcGetReal(dev->type, bytes, dev->order);
     } else {
-        epicsInt64 raw = plcGetInt(dev->type, bytes, dev->bigEndian);
+        epicsInt64 raw = plcGetInt(dev->type, bytes, dev->order);
 
         prec->rval = (epicsInt32)raw;
         value = (double)raw + prec->roff;
@@ -276,14 +276,14 @@ static void followAo(dbCommon *common, const devRecord *dev, const epicsUInt8 *b
 static void followCalcout(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
 {
     ((calcoutRecord *)common)->oval =
-        dev->type->kind == plcReal ? plcGetReal(dev->type, bytes, dev->bigEndian)
-                                   : (double)plcGetInt(dev->type, bytes, dev->bigEndian);
+        dev->type->kind == plcReal ? plcGetReal(dev->type, bytes, dev->order)
+                                   : (double)plcGetInt(dev->type, bytes, dev->order);
 }
 
 static void followBo(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
 {
     boRecord *prec = (boRecord *)common;
-    epicsInt64 raw = plcGetInt(dev->type, bytes, dev->bigEndian);
+    epicsInt64 raw = plcGetInt(dev->type, bytes, dev->order);
 
     prec->val = (raw & (epicsInt64)dev->mask) != 0;
     prec->rval = prec->val ? prec->mask : 0;
@@ -297,7 +297,7 @@ static void followMbbo(dbCommon *common, const devRecord *dev, const epicsUInt8 
     epicsUInt32 value;
     int i;
 
-    prec->rval = (epicsUInt32)plcGetInt(dev->type, bytes, dev->bigEndian) & prec->mask;
+    prec->rval = (epicsUInt32)plcGetInt(dev->type, bytes, dev->order) & prec->mask;
     value = prec->shft < 32 ? prec->rval >> prec->shft : 0;
     if (!prec->sdef) {
         prec->val = (epicsEnum16)value;
@@ -318,7 +318,7 @@ static void followMbboDirect(dbCommon *common, const devRecord *dev,
     epicsUInt8 *bit = &prec->b0;
     unsigned bits = (unsigned)sizeof(prec->val) * 8, i;
 
-    prec->rval = (epicsUInt32)plcGetInt(dev->type, bytes, dev->bigEndian) & prec->mask;
+    prec->rval = (epicsUInt32)plcGetInt(dev->type, bytes, dev->order) & prec->mask;
     prec->val = prec->shft < 32 ? prec->rval >> prec->shft : 0;
     for (i = 0; i < bits; i++)
         bit[i] = prec->val >> i & 1;
@@ -326,14 +326,13 @@ static void followMbboDirect(dbCommon *common, const devRecord *dev,
 
 static void followLongout(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
 {
-    ((longoutRecord *)common)->val =
-        (epicsInt32)plcGetInt(dev->type, bytes, dev->bigEndian);
+    ((longoutRecord *)common)->val = (epicsInt32)plcGetInt(dev->type, bytes, dev->order);
 }
 
 static void followInt64out(dbCommon *common, const devRecord *dev,
                            const epicsUInt8 *bytes)
 {
-    ((int64outRecord *)common)->val = plcGetInt(dev->type, bytes, dev->bigEndian);
+    ((int64outRecord *)common)->val = plcGetInt(dev->type, bytes, dev->order);
 }
 
 /* Up to the first NUL; returns the length. */
@@ -370,25 +369,25 @@ static void followLso(dbCommon *common, const devRecord *dev, const epicsUInt8 *
 
 /* clang-format off */
 const devSupport devS7plcAo = {DEV_DSET, devWrite, linconvAo, "S7plc", "OUT", devOut,
-    {"ao", ANALOG, 4, plcHasL | plcHasH | plcHasR, "INT16"}, 2, NULL, prepareAo,
+    {"ao", ANALOG, 4, plcHasL | plcHasH | plcHasR | plcHasW, "INT16"}, 2, NULL, prepareAo,
     writeAo, followAo};
 const devSupport devS7plcCalcout = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
-    {"calcout", ANALOG, 4, plcHasL | plcHasH | plcHasR, "INT16"}, 0, NULL, NULL,
+    {"calcout", ANALOG, 4, plcHasL | plcHasH | plcHasR | plcHasW, "INT16"}, 0, NULL, NULL,
     writeCalcout, followCalcout};
 const devSupport devS7plcBo = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
-    {"bo", plcInteger, 8, plcHasB | plcHasR, "INT16"}, 2, NULL, prepareBo,
+    {"bo", plcInteger, 8, plcHasB | plcHasR | plcHasW, "INT16"}, 2, NULL, prepareBo,
     writeBo, followBo};
 const devSupport devS7plcMbbo = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
-    {"mbbo", plcInteger, 4, plcHasR, "INT16"}, 2, NULL, prepareMbbo,
+    {"mbbo", plcInteger, 4, plcHasR | plcHasW, "INT16"}, 2, NULL, prepareMbbo,
     writeMbbo, followMbbo};
 const devSupport devS7plcMbboDirect = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
-    {"mbboDirect", plcInteger, 4, plcHasR, "INT16"}, 2, NULL, prepareMbboDirect,
+    {"mbboDirect", plcInteger, 4, plcHasR | plcHasW, "INT16"}, 2, NULL, prepareMbboDirect,
     writeMbboDirect, followMbboDirect};
 const devSupport devS7plcLongout = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
-    {"longout", plcInteger, 4, plcHasR, "INT16"}, 0, NULL, NULL,
+    {"longout", plcInteger, 4, plcHasR | plcHasW, "INT16"}, 0, NULL, NULL,
     writeLongout, followLongout};
 const devSupport devS7plcInt64out = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
-    {"int64out", plcInteger, 8, plcHasR, "INT16"}, 0, NULL, NULL,
+    {"int64out", plcInteger, 8, plcHasR | plcHasW, "INT16"}, 0, NULL, NULL,
     writeInt64out, followInt64out};
 const devSupport devS7plcStringout = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
     {"stringout", plcString, 1, plcHasL | plcHasR, "STRING"}, 0, adaptStringout,

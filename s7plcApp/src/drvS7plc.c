@@ -52,7 +52,7 @@ int s7plcReadArray(s7plcStation *station, unsigned int offset, unsigned int dlen
         return S7PLC_BAD_PARAM;
     status = plcImageRead(plcStationInput(station), offset, length, bytes, NULL);
     if (status == 0)
-        plcCopyElements(pdata, bytes, dlen, nelem, plcStationBigEndian(station));
+        plcCopyElements(pdata, bytes, dlen, nelem, plcStationOrder(station));
     free(bytes);
     return status ? S7PLC_NO_CONN : S7PLC_OK;
 }
@@ -71,12 +71,11 @@ int s7plcWriteMaskedArray(s7plcStation *station, unsigned int offset, unsigned i
     bytes = malloc(2 * length + 1);
     if (!bytes)
         return S7PLC_BAD_PARAM;
-    plcCopyElements(bytes, pdata, dlen, nelem, plcStationBigEndian(station));
+    plcCopyElements(bytes, pdata, dlen, nelem, plcStationOrder(station));
     if (pmask) {
         mask = bytes + length;
         for (i = 0; i < nelem; i++)
-            plcCopyElements(mask + i * dlen, pmask, dlen, 1,
-                            plcStationBigEndian(station));
+            plcCopyElements(mask + i * dlen, pmask, dlen, 1, plcStationOrder(station));
     }
     status = plcStationWrite(station, offset, length, bytes, mask, reason);
     free(bytes);

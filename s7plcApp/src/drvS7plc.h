@@ -38,8 +38,9 @@ int s7plcConfigure(char *PLCname, char *IPaddr, unsigned int port, unsigned int 
 /* The station of this name, or NULL. */
 s7plcStation *s7plcOpen(char *PLCname);
 
-/* Copies nelem elements of dlen bytes (1, 2, 4 or 8) at byte `offset` of the input block to
- * pdata, in the byte order of the IOC. For strings: dlen 1. */
+/* Copies nelem elements of dlen bytes (1, 2, 4 or 8) at byte `offset` of the input block
+ * to pdata, in the byte order of the IOC, as the station's byte order and its option
+ * wordOrder say. For strings: dlen 1. */
 int s7plcReadArray(s7plcStation *station, unsigned int offset, unsigned int dlen,
                    unsigned int nelem, void *pdata);
 

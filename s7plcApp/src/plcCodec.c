@@ -10,9 +10,17 @@
 #include "plcCodec.h"
 
 #if EPICS_BYTE_ORDER == EPICS_ENDIAN_BIG
-#define HOST_BIG 1
+#define HOST plcBigEndian
+#define OTHER plcLittleEndian
 #else
-#define HOST_BIG 0
+#define HOST plcLittleEndian
+#define OTHER plcBigEndian
+#endif
+
+#if defined(__GNUC__)
+#define NOINLINE __attribute__((noinline))
+#else
+#define NOINLINE
 #endif
 
 /* In the order of the documentation. The most negative value of a signed type is not a
@@ -117,6 +125,13 @@ void plcTypeList(unsigned kinds, unsigned maxSize, char *text, size_t size)
     }
 }
 
+int plcOrder(int bigEndian, int highWordFirst)
+{
+    int order = bigEndian ? plcBigEndian : plcLittleEndian;
+
+    return !bigEndian == !highWordFirst ? order : order | plcWordsSwapped;
+}
+
 /* Shifts, not builtins: every compiler we met makes one instruction of each. */
 static epicsUInt16 swap16(epicsUInt16 x)
 {
@@ -133,75 +148,104 @@ static epicsUInt64 swap64(epicsUInt64 x)
     return (epicsUInt64)swap32((epicsUInt32)x) << 32 | swap32((epicsUInt32)(x >> 32));
 }
 
-/* An element of 1, 2, 4 or 8 bytes, zero-extended. */
-static epicsUInt64 load(const void *bytes, unsigned size, int bigEndian)
+/* An element between the order on the wire and that of this machine, both ways. */
+static epicsUInt16 turn16(epicsUInt16 x, int order)
 {
-    int swap = !bigEndian != !HOST_BIG;
+    return (order & plcBigEndian) == HOST ? x : swap16(x);
+}
+
+/* With the 16-bit words the other way round. Not in line: the two usual orders must cost
+ * no more than they would without these. */
+static NOINLINE epicsUInt32 turnWords32(epicsUInt32 x, int order)
+{
+    x = x << 16 | x >> 16;
+    return (order & plcBigEndian) == HOST ? x : swap32(x);
+}
+
+static NOINLINE epicsUInt64 turnWords64(epicsUInt64 x, int order)
+{
+    x = x << 48 | (x & 0xFFFF0000u) << 16 | (x >> 16 & 0xFFFF0000u) | x >> 48;
+    return (order & plcBigEndian) == HOST ? x : swap64(x);
+}
+
+static epicsUInt32 turn32(epicsUInt32 x, int order)
+{
+    if (order == OTHER)
+        return swap32(x);
+    return order == HOST ? x : turnWords32(x, order);
+}
+
+static epicsUInt64 turn64(epicsUInt64 x, int order)
+{
+    if (order == OTHER)
+        return swap64(x);
+    return order == HOST ? x : turnWords64(x, order);
+}
+
+/* An element of 1, 2, 4 or 8 bytes, zero- or sign-extended. */
+static epicsUInt64 load(const void *bytes, unsigned size, int order, int sign)
+{
+    epicsUInt8 u8;
     epicsUInt16 u16;
     epicsUInt32 u32;
     epicsUInt64 u64;
 
     switch (size) {
     case 1:
-        return *(const epicsUInt8 *)bytes;
+        u8 = *(const epicsUInt8 *)bytes;
+        return sign ? (epicsUInt64)(epicsInt8)u8 : u8;
     case 2:
         memcpy(&u16, bytes, 2);
-        return swap ? swap16(u16) : u16;
+        u16 = turn16(u16, order);
+        return sign ? (epicsUInt64)(epicsInt16)u16 : u16;
     case 4:
         memcpy(&u32, bytes, 4);
-        return swap ? swap32(u32) : u32;
+        u32 = turn32(u32, order);
+        return sign ? (epicsUInt64)(epicsInt32)u32 : u32;
     default:
         memcpy(&u64, bytes, 8);
-        return swap ? swap64(u64) : u64;
+        return turn64(u64, order);
     }
 }
 
 /* The low bytes of `value` as an element of 1, 2, 4 or 8 bytes. */
-static void store(void *bytes, unsigned size, int bigEndian, epicsUInt64 value)
+static void store(void *bytes, unsigned size, int order, epicsUInt64 value)
 {
-    int swap = !bigEndian != !HOST_BIG;
-    epicsUInt16 u16 = (epicsUInt16)value;
-    epicsUInt32 u32 = (epicsUInt32)value;
+    epicsUInt16 u16;
+    epicsUInt32 u32;
 
     switch (size) {
     case 1:
         *(epicsUInt8 *)bytes = (epicsUInt8)value;
         break;
     case 2:
-        u16 = swap ? swap16(u16) : u16;
+        u16 = turn16((epicsUInt16)value, order);
         memcpy(bytes, &u16, 2);
         break;
     case 4:
-        u32 = swap ? swap32(u32) : u32;
+        u32 = turn32((epicsUInt32)value, order);
         memcpy(bytes, &u32, 4);
         break;
     default:
-        value = swap ? swap64(value) : value;
+        value = turn64(value, order);
         memcpy(bytes, &value, 8);
         break;
     }
 }
 
-epicsInt64 plcGetInt(const plcType *type, const void *bytes, int bigEndian)
+epicsInt64 plcGetInt(const plcType *type, const void *bytes, int order)
 {
-    epicsUInt64 value = load(bytes, type->size, bigEndian);
-
-    if (type->kind == plcSigned) {
-        epicsUInt64 sign = (epicsUInt64)1 << (8 * type->size - 1);
-
-        value = (value ^ sign) - sign;
-    }
-    return (epicsInt64)value;
+    return (epicsInt64)load(bytes, type->size, order, type->kind == plcSigned);
 }
 
-void plcPutInt(const plcType *type, void *bytes, int bigEndian, epicsInt64 value)
+void plcPutInt(const plcType *type, void *bytes, int order, epicsInt64 value)
 {
-    store(bytes, type->size, bigEndian, (epicsUInt64)value);
+    store(bytes, type->size, order, (epicsUInt64)value);
 }
 
-double plcGetReal(const plcType *type, const void *bytes, int bigEndian)
+double plcGetReal(const plcType *type, const void *bytes, int order)
 {
-    epicsUInt64 bits = load(bytes, type->size, bigEndian);
+    epicsUInt64 bits = load(bytes, type->size, order, 0);
     double value;
 
     if (type->size == 4) {
@@ -215,7 +259,7 @@ double plcGetReal(const plcType *type, const void *bytes, int bigEndian)
     return value;
 }
 
-void plcPutReal(const plcType *type, void *bytes, int bigEndian, double value)
+void plcPutReal(const plcType *type, void *bytes, int order, double value)
 {
     epicsUInt64 bits;
 
@@ -228,10 +272,20 @@ void plcPutReal(const plcType *type, void *bytes, int bigEndian, double value)
     } else {
         memcpy(&bits, &value, 8);
     }
-    store(bytes, type->size, bigEndian, bits);
+    store(bytes, type->size, order, bits);
 }
 
-void plcCopyElements(void *dst, const void *src, unsigned size, size_t n, int bigEndian)
+/* Elements of 4 and 8 bytes with their words the other way round. */
+static NOINLINE void copyWords(epicsUInt8 *to, const epicsUInt8 *from, unsigned size,
+                               size_t n, int order)
+{
+    size_t i;
+
+    for (i = 0; i < n; i++)
+        store(to + size * i, size, HOST, load(from + size * i, size, order, 0));
+}
+
+void plcCopyElements(void *dst, const void *src, unsigned size, size_t n, int order)
 {
     const epicsUInt8 *from = src;
     epicsUInt8 *to = dst;
@@ -239,17 +293,21 @@ void plcCopyElements(void *dst, const void *src, unsigned size, size_t n, int bi
 
     if (n == 0)
         return;
-    if (size == 1 || !bigEndian == !HOST_BIG) {
+    if (size == 1 || order == HOST) {
         memcpy(dst, src, size * n);
+    } else if (order != OTHER && size == 2) {
+        plcCopyElements(dst, src, size, n, order & plcBigEndian);
+    } else if (order != OTHER) {
+        copyWords(to, from, size, n, order);
     } else if (size == 2) {
         for (i = 0; i < n; i++)
-            store(to + 2 * i, 2, HOST_BIG, load(from + 2 * i, 2, !HOST_BIG));
+            store(to + 2 * i, 2, HOST, load(from + 2 * i, 2, OTHER, 0));
     } else if (size == 4) {
         for (i = 0; i < n; i++)
-            store(to + 4 * i, 4, HOST_BIG, load(from + 4 * i, 4, !HOST_BIG));
+            store(to + 4 * i, 4, HOST, load(from + 4 * i, 4, OTHER, 0));
     } else {
         for (i = 0; i < n; i++)
-            store(to + 8 * i, 8, HOST_BIG, load(from + 8 * i, 8, !HOST_BIG));
+            store(to + 8 * i, 8, HOST, load(from + 8 * i, 8, OTHER, 0));
     }
 }
 

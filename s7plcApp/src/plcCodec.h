@@ -44,23 +44,36 @@ const plcType *plcTypeOf(plcKind kind, unsigned size);
  * out. A name that would not fit into `size` characters is left out too, whole. */
 void plcTypeList(unsigned kinds, unsigned maxSize, char *text, size_t size);
 
-/* One element. `bytes` need not be aligned. `bigEndian` is the order on the wire.
+/* The order of bytes on the wire. An option bigEndian=0 or 1 is such an order as it is.
+ * The bytes of 0x0A0B0C0D in each of the four: */
+enum {
+    plcLittleEndian = 0, /* 0D 0C 0B 0A */
+    plcBigEndian = 1,    /* 0A 0B 0C 0D */
+    /* a bit beside: the 16-bit words of elements of 4 and 8 bytes the other way round */
+    plcWordsSwapped = 2 /* 0B 0A 0D 0C;  with plcBigEndian 0C 0D 0A 0B */
+};
+
+/* The order for this order of the bytes in a 16-bit word (1: most significant first), and
+ * of the words (1: most significant first). */
+int plcOrder(int bigEndian, int highWordFirst);
+
+/* One element. `bytes` need not be aligned. `order` is the order on the wire.
  *
  * plcGetInt gives the value sign-extended (plcSigned) or zero-extended to 64 bits; a
  * UINT64 comes back with its bits unchanged. plcPutInt writes the low bytes of `value`:
  * the rest is cut off (modulo 2^n). Any kind but plcReal is treated as an integer. */
-epicsInt64 plcGetInt(const plcType *type, const void *bytes, int bigEndian);
-void plcPutInt(const plcType *type, void *bytes, int bigEndian, epicsInt64 value);
+epicsInt64 plcGetInt(const plcType *type, const void *bytes, int order);
+void plcPutInt(const plcType *type, void *bytes, int order, epicsInt64 value);
 
 /* REAL32 and REAL64 as double. A double beyond the range of REAL32 becomes infinite, as
  * IEEE 754 says. Type must be of kind plcReal. */
-double plcGetReal(const plcType *type, const void *bytes, int bigEndian);
-void plcPutReal(const plcType *type, void *bytes, int bigEndian, double value);
+double plcGetReal(const plcType *type, const void *bytes, int order);
+void plcPutReal(const plcType *type, void *bytes, int order, double value);
 
 /* Copies n elements of `size` bytes (1, 2, 4, 8) between wire order and the order of this
  * machine. The same function serves both directions. No alignment is needed; dst and src
  * must not overlap. */
-void plcCopyElements(void *dst, const void *src, unsigned size, size_t n, int bigEndian);
+void plcCopyElements(void *dst, const void *src, unsigned size, size_t n, int order);
 
 /* BCD: one byte holds two decimal digits, 0x59 <-> 59. Decoding a byte whose nibbles are
  * not digits gives high*10 + low all the same (0xFF -> 165), so that nonsense is seen as

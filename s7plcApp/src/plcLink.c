@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include <epicsStdio.h>
+#include <epicsString.h>
 
 #include "plcLink.h"
 
@@ -76,7 +77,7 @@ static void skipBlanks(cursor *c)
 /* True where an option begins: its letter and the =. */
 static int atOption(const char *text)
 {
-    return text[0] && strchr("TLHBRtlhbr", text[0]) && text[1] == '=';
+    return text[0] && strchr("TLHBRWtlhbrw", text[0]) && text[1] == '=';
 }
 
 /* True where a number or a word may end. Options need no blank between them. */
@@ -296,6 +297,27 @@ static int parseR(cursor *c, plcLink *link)
     return parseSum(c, "R=", &link->readback);
 }
 
+static int parseW(cursor *c, plcLink *link)
+{
+    static const char *const words[] = {"low", "high"};
+    char quote[QUOTE_SIZE];
+    size_t start = c->at;
+
+    while (!atEnd(c))
+        c->at++;
+    if (c->at == start)
+        return fail(c->error, start, "W= has no value; allowed: W=high W=low");
+    for (link->highWordFirst = 0; link->highWordFirst < 2; link->highWordFirst++) {
+        const char *word = words[link->highWordFirst];
+
+        if (strlen(word) == c->at - start &&
+            epicsStrnCaseCmp(c->text + start, word, c->at - start) == 0)
+            return 0;
+    }
+    return fail(c->error, start, "W=%s is no word order; allowed: W=high W=low",
+                wordFrom(c, start, quote));
+}
+
 static const struct {
     char letter;
     unsigned has;
@@ -307,6 +329,7 @@ static const struct {
     {'H', plcHasH, parseH, offsetof(plcLink, column.H)},
     {'B', plcHasB, parseB, offsetof(plcLink, column.B)},
     {'R', plcHasR, parseR, offsetof(plcLink, column.R)},
+    {'W', plcHasW, parseW, offsetof(plcLink, column.W)},
 };
 
 /* One option, T=INT16. When it comes twice, the last one counts. */
@@ -317,7 +340,7 @@ static int parseOption(cursor *c, plcLink *link)
     size_t start = c->at, i = 0;
 
     if (!atOption(c->text + start))
-        return fail(c->error, start, "unknown option \"%s\"; allowed: T= L= H= B= R=",
+        return fail(c->error, start, "unknown option \"%s\"; allowed: T= L= H= B= R= W=",
                     wordFrom(c, start, quote));
     while (options[i].letter != letter)
         i++;
@@ -410,7 +433,7 @@ int plcLinkParse(const char *text, plcLink *link, plcLinkError *error)
     memset(link, 0, sizeof(*link));
     memset(error, 0, sizeof(*error));
     link->column.offset = link->column.T = link->column.L = end;
-    link->column.H = link->column.B = link->column.R = end;
+    link->column.H = link->column.B = link->column.R = link->column.W = end;
     if (parseStation(&c, link) || parseOffset(&c, link) || parseOptions(&c, link))
         return -1;
     return 0;
@@ -500,6 +523,16 @@ static int completeBit(const plcLink *link, plcLinkError *error)
                 link->type->name, bits - 1);
 }
 
+/* The order of words, where there are words: elements of 4 and 8 bytes. */
+static void completeWords(const plcLink *link, const plcShape *shape, plcLinkError *error)
+{
+    if (link->has & plcHasW && !(shape->options & plcHasW && link->type->size >= 4))
+        warn(error, link->column.W,
+             "W= has no effect on %s: only types of 4 and 8 bytes "
+             "have an order of words",
+             link->type->name);
+}
+
 int plcLinkComplete(plcLink *link, const plcShape *shape, size_t length,
                     plcLinkError *error)
 {
@@ -515,5 +548,6 @@ int plcLinkComplete(plcLink *link, const plcShape *shape, size_t length,
     if (link->has & plcHasR & ~shape->options)
         return fail(error, link->column.R, "R= (read-back) is for outputs only, not %s",
                     shape->recordType);
+    completeWords(link, shape, error);
     return 0;
 }

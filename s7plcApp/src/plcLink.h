@@ -1,6 +1,6 @@
 /* The text of an INP or OUT link taken apart:
  *
- *     @PLCname/offset T=type L=low H=high B=bit R=readback
+ *     @PLCname/offset T=type L=low H=high B=bit R=readback W=high|low
  *
  * Pure: knows the data types, but no station, no record and no block size. What a record
  * type allows is one row of constants (plcShape), so that every refusal reads alike.
@@ -22,6 +22,7 @@
 #define plcHasH 4
 #define plcHasB 8
 #define plcHasR 16
+#define plcHasW 32
 
 typedef struct plcLink {
     char station[PLC_NAME_MAX + 1];
@@ -32,8 +33,9 @@ typedef struct plcLink {
     epicsInt64 high;     /* H= */
     unsigned bit;        /* B= */
     size_t readback;     /* R=: where in the input block the PLC shows this output */
+    int highWordFirst;   /* W=: which 16-bit word of 4 and 8 bytes comes first */
     struct {             /* columns in the text, for messages; its end when not given */
-        size_t offset, T, L, H, B, R;
+        size_t offset, T, L, H, B, R, W;
     } column;
 } plcLink;
 

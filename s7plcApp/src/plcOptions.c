@@ -65,6 +65,8 @@ static const optRow rows[] = {
  "sync handshake: no put leaves before the PLC has agreed to the values we hold"},
 {"layout",         optNumber, AT(layout),         0, 0,  65535,   "",   NULL, 0,    1,
  "layout id of both blocks for the sync handshake; 0: not checked"},
+{"wordOrder",      optChoice, AT(wordOrder),      0, 0,  0, "", "bytes|high|low", 0, 1,
+ "which 16-bit word of values of 4 and 8 bytes comes first; bytes: as they are ordered"},
 {"connectTimeout", optNumber, AT(connectTimeout), 0, 50, 60000,   "ms", NULL, 900,  0,
  "an attempt to connect is given up after this time, and the next one begins"},
 {"pingPeriod",     optNumber, AT(pingPeriod),     0, 0,  3600000, "ms", NULL, 1000, 0,

@@ -13,6 +13,7 @@
 enum { plcOfflineKeep, plcOfflineReject }; /* offlineWrites= */
 enum { plcScanAll, plcScanChanged };       /* scan= */
 enum { plcClockIsDt, plcClockIsDtl };      /* timestamp= */
+enum { plcWordsAsBytes, plcWordsHigh, plcWordsLow }; /* wordOrder= */
 enum { plcMaskRefuse, plcMaskRmw };        /* maskWrite= */
 
 #define PLC_OFF (-1.0) /* an option with an offset or a register, not in use */
@@ -37,6 +38,7 @@ typedef struct plcOptions {
     int sync;              /* 0 or 1 */
     double pingPeriod;     /* ms, 0 = off */
     double layout;         /* layout id, 0 = not checked */
+    int wordOrder;         /* plcWordsAsBytes, ... */
     double requestTimeout; /* ms, Modbus */
     int singleWrite;       /* 0 or 1, Modbus */
     int maskWrite;         /* plcMaskRefuse, plcMaskRmw; Modbus */

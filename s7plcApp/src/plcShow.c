@@ -16,7 +16,6 @@
 typedef struct view {
     FILE *file;
     int output;
-    int bigEndian;
     size_t size;
     epicsUInt8 *bytes;
     plcUser *users; /* sorted by offset */
@@ -28,7 +27,6 @@ static int viewOpen(view *v, plcStation *s, int output, FILE *file)
     memset(v, 0, sizeof(*v));
     v->file = file;
     v->output = output;
-    v->bigEndian = plcStationBigEndian(s);
     v->size = output ? plcStationOutSize(s) : plcStationInSize(s);
     v->users = plcUsersCopy(plcStationUsers(s), output, &v->count);
     v->bytes = malloc(v->size + 1);
@@ -46,22 +44,27 @@ static void viewClose(view *v)
 
 /* --- One record --------------------------------------------------------------------------*/
 
-/* "INT16", "INT16 bit 3", "INT16 bits 00F0" */
+/* "INT16", "INT16 bit 3", "INT16 bits 00F0", "INT32 W=low" */
 static void typeText(const plcUser *user, char *text, size_t size)
 {
     unsigned bit = 0;
+    size_t used;
 
-    if (!user->mask || user->mask == ~(epicsUInt64)0) {
-        epicsSnprintf(text, size, "%s", user->type->name);
-        return;
+    epicsSnprintf(text, size, "%s", user->type->name);
+    used = strlen(text);
+    if (user->mask && user->mask != ~(epicsUInt64)0) {
+        while (!(user->mask >> bit & 1))
+            bit++;
+        if (user->mask == (epicsUInt64)1 << bit)
+            epicsSnprintf(text + used, size - used, " bit %u", bit);
+        else
+            epicsSnprintf(text + used, size - used, " bits %0*llX",
+                          (int)user->type->size * 2, (unsigned long long)user->mask);
     }
-    while (!(user->mask >> bit & 1))
-        bit++;
-    if (user->mask == (epicsUInt64)1 << bit)
-        epicsSnprintf(text, size, "%s bit %u", user->type->name, bit);
-    else
-        epicsSnprintf(text, size, "%s bits %0*llX", user->type->name,
-                      (int)user->type->size * 2, (unsigned long long)user->mask);
+    used = strlen(text);
+    if (user->order & plcWordsSwapped)
+        epicsSnprintf(text + used, size - used, " W=%s",
+                      user->order & plcBigEndian ? "low" : "high");
 }
 
 /* The value as it stands in the block; "" for arrays. */
@@ -81,15 +84,15 @@ static void valueText(const view *v, const plcUser *user, char *text, size_t siz
     } else if (user->length != user->type->size || user->type->kind == plcBcd) {
         return;
     } else if (user->type->kind == plcReal) {
-        epicsSnprintf(text, size, " = %.7g", plcGetReal(user->type, bytes, v->bigEndian));
+        epicsSnprintf(text, size, " = %.7g", plcGetReal(user->type, bytes, user->order));
     } else if (user->mask) {
-        raw = (epicsUInt64)plcGetInt(user->type, bytes, v->bigEndian) & user->mask;
+        raw = (epicsUInt64)plcGetInt(user->type, bytes, user->order) & user->mask;
         for (epicsUInt64 mask = user->mask; !(mask & 1); mask >>= 1)
             raw >>= 1;
         epicsSnprintf(text, size, " = %llu", (unsigned long long)raw);
     } else {
         epicsSnprintf(text, size, " = %lld",
-                      (long long)plcGetInt(user->type, bytes, v->bigEndian));
+                      (long long)plcGetInt(user->type, bytes, user->order));
     }
 }
 

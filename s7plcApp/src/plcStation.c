@@ -144,7 +144,7 @@ plcStation *plcStationCreate(const plcStationConfig *config)
     epicsSnprintf(s->name, sizeof(s->name), "%s", config->name);
     s->inSize = config->inSize;
     s->outSize = config->outSize;
-    s->bigEndian = config->bigEndian;
+    s->bigEndian = s->order = config->bigEndian != 0;
     s->policy = config->policy ? config->policy : &plcSingle;
     s->policyPvt = config->policyPvt;
     s->in = plcImageCreate(s->inSize);
@@ -272,6 +272,11 @@ const char *plcStationName(const plcStation *s)
 int plcStationBigEndian(const plcStation *s)
 {
     return s->bigEndian;
+}
+
+int plcStationOrder(const plcStation *s)
+{
+    return s->order;
 }
 
 size_t plcStationInSize(const plcStation *s)
@@ -544,6 +549,12 @@ static int optionsFit(plcStation *s, const plcOptions *o, char *error, size_t si
     return 0;
 }
 
+static int orderOf(int bigEndian, int wordOrder)
+{
+    return wordOrder == plcWordsAsBytes ? bigEndian
+                                        : plcOrder(bigEndian, wordOrder == plcWordsHigh);
+}
+
 int plcStationSetOption(plcStation *s, const char *key, const char *value, char *error,
                         size_t size)
 {
@@ -558,8 +569,10 @@ int plcStationSetOption(plcStation *s, const char *key, const char *value, char 
         status = optionsFit(s, &options, error, size);
     if (status)
         return status;
-    if (!s->started)
+    if (!s->started) {
         plcScanByRange(s->inScan, options.scan == plcScanChanged);
+        s->order = orderOf(s->bigEndian, options.wordOrder);
+    }
     epicsMutexMustLock(s->lock);
     s->options = options;
     s->optionsChanged = 1;

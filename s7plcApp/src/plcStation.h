@@ -76,6 +76,10 @@ void plcStationsDestroy(void);
 
 const char *plcStationName(const plcStation *station);
 int plcStationBigEndian(const plcStation *station);
+
+/* The order of plcCodec.h for values of this PLC: its byte order and the option
+ * wordOrder. */
+int plcStationOrder(const plcStation *station);
 size_t plcStationInSize(const plcStation *station);
 size_t plcStationOutSize(const plcStation *station);
 plcImage *plcStationInput(plcStation *station);  /* never NULL */

@@ -155,7 +155,7 @@ static int aliveWord(plcStation *s, const char *block, epicsUInt64 now)
 
     if (s->now.alive < 0)
         return 1;
-    word = plcGetInt(s->now.aliveType, block + (size_t)s->now.alive, s->bigEndian);
+    word = plcGetInt(s->now.aliveType, block + (size_t)s->now.alive, s->order);
     if (s->lastAlive && word == s->aliveWord)
         return !s->frozen;
     s->aliveWord = word;

@@ -47,6 +47,7 @@ struct plcStation {
     char name[PLC_NAME_MAX + 1];
     size_t inSize, outSize;
     int bigEndian;
+    int order; /* the same, and the option wordOrder: plcCodec.h */
     const plcPolicy *policy;
     void *policyPvt;
 

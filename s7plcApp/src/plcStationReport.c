@@ -76,6 +76,14 @@ void plcStationOptionsText(plcStation *s, char *text, size_t size)
     plcOptionsSummary(&options, text, size);
 }
 
+/* The order of words, where it is not that of the bytes. */
+static const char *wordsText(int order)
+{
+    if (!(order & plcWordsSwapped))
+        return "";
+    return order & plcBigEndian ? ", low word first" : ", high word first";
+}
+
 void plcStationReport(plcStation *s, FILE *file, int level)
 {
     plcStats st;
@@ -87,8 +95,8 @@ void plcStationReport(plcStation *s, FILE *file, int level)
     fprintf(file, "  %s %s: %s", s->name, address, plcStateName(st.state));
     if (st.state != plcStateOk && reason[0])
         fprintf(file, " (%s)", reason);
-    fprintf(file, ", in %u bytes, out %u bytes, %s endian\n", (unsigned)s->inSize,
-            (unsigned)s->outSize, s->bigEndian ? "big" : "little");
+    fprintf(file, ", in %u bytes, out %u bytes, %s endian%s\n", (unsigned)s->inSize,
+            (unsigned)s->outSize, s->bigEndian ? "big" : "little", wordsText(s->order));
     if (s->policy->report)
         s->policy->report(s->policyPvt, file, level);
     if (level < 1)

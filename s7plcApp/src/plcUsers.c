@@ -70,12 +70,22 @@ plcUser *plcUsersCopy(plcUsers *users, int output, size_t *count)
     return copy;
 }
 
+/* True when both claim a bit of the same element, whatever the order of its bytes. */
+static int sameBits(const plcUser *a, const plcUser *b)
+{
+    epicsUInt64 left = 0, right = 0; /* in the order of the wire */
+
+    plcPutInt(a->type, &left, a->order, (epicsInt64)a->mask);
+    plcPutInt(b->type, &right, b->order, (epicsInt64)b->mask);
+    return (left & right) != 0;
+}
+
 int plcUsersOverlap(const plcUser *a, const plcUser *b)
 {
     if (a->offset >= b->offset + b->length || b->offset >= a->offset + a->length)
         return 0;
     /* bits of one word are told apart where the word is the same for both */
     if (a->offset == b->offset && a->length == b->length && a->mask && b->mask)
-        return (a->mask & b->mask) != 0;
+        return sameBits(a, b);
     return 1;
 }

@@ -20,6 +20,7 @@ typedef struct plcUser {
     int output;             /* 0: in the input block, 1: in the output block */
     size_t offset, length;  /* bytes */
     const plcType *type;    /* of one element */
+    int order;              /* of its bytes: plcCodec.h */
     epicsUInt64 mask;       /* the bits of the element that are its own; 0: all */
     int hasReadback;
     size_t readback;        /* offset in the input block, when hasReadback */

@@ -1,4 +1,4 @@
-/* Data types and their bytes: literal bytes in both orders, every alias, every limit. */
+/* Data types and their bytes: literal bytes in all orders, every alias, every limit. */
 #include <math.h>
 #include <string.h>
 
@@ -314,6 +314,14 @@ static epicsUInt64 nativeValue(const void *element, unsigned size)
     return size == 1 ? any.u8 : size == 2 ? any.u16 : size == 4 ? any.u32 : any.u64;
 }
 
+/* The order of this machine. */
+static int nativeOrder(void)
+{
+    const epicsUInt16 one = 1;
+
+    return *(const epicsUInt8 *)&one ? plcLittleEndian : plcBigEndian;
+}
+
 static const epicsUInt8 wire[] = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16};
 
 /* The bytes of `wire` as elements. The first and the last of them, written out. */
@@ -349,6 +357,105 @@ static void testCopies(int bigEndian)
     }
     plcCopyElements(NULL, NULL, 2, 0, bigEndian);
     testPass("no elements need no memory");
+}
+
+/* All four orders, byte by byte: 0x0A0B0C0D and so on; the reals are made of such bytes. */
+static const struct {
+    const char *type;
+    epicsInt64 value;   /* of integers */
+    double real;        /* of reals */
+    epicsUInt8 bytes[4][8]; /* by order */
+} wordOrders[] = {
+    {"INT8", -0x76, 0, {{0x8A}, {0x8A}, {0x8A}, {0x8A}}},
+    {"UINT8", 0x8A, 0, {{0x8A}, {0x8A}, {0x8A}, {0x8A}}},
+    {"INT16", -0x75F5, 0, {{0x0B, 0x8A}, {0x8A, 0x0B}, {0x0B, 0x8A}, {0x8A, 0x0B}}},
+    {"UINT16", 0x8A0B, 0, {{0x0B, 0x8A}, {0x8A, 0x0B}, {0x0B, 0x8A}, {0x8A, 0x0B}}},
+    {"INT32",
+     -0x75F4F3F3LL,
+     0,
+     {{0x0D, 0x0C, 0x0B, 0x8A},
+      {0x8A, 0x0B, 0x0C, 0x0D},
+      {0x0B, 0x8A, 0x0D, 0x0C},
+      {0x0C, 0x0D, 0x8A, 0x0B}}},
+    {"UINT32",
+     0x8A0B0C0DLL,
+     0,
+     {{0x0D, 0x0C, 0x0B, 0x8A},
+      {0x8A, 0x0B, 0x0C, 0x0D},
+      {0x0B, 0x8A, 0x0D, 0x0C},
+      {0x0C, 0x0D, 0x8A, 0x0B}}},
+    {"INT64",
+     0x0A0B0C0D0E0F1011LL,
+     0,
+     {{0x11, 0x10, 0x0F, 0x0E, 0x0D, 0x0C, 0x0B, 0x0A},
+      {0x0A, 0x0B, 0x0C, 0x0D, 0x0E, 0x0F, 0x10, 0x11},
+      {0x0B, 0x0A, 0x0D, 0x0C, 0x0F, 0x0E, 0x11, 0x10},
+      {0x10, 0x11, 0x0E, 0x0F, 0x0C, 0x0D, 0x0A, 0x0B}}},
+    {"UINT64",
+     -0x75F4F3F2F1F0EFEFLL,
+     0,
+     {{0x11, 0x10, 0x0F, 0x0E, 0x0D, 0x0C, 0x0B, 0x8A},
+      {0x8A, 0x0B, 0x0C, 0x0D, 0x0E, 0x0F, 0x10, 0x11},
+      {0x0B, 0x8A, 0x0D, 0x0C, 0x0F, 0x0E, 0x11, 0x10},
+      {0x10, 0x11, 0x0E, 0x0F, 0x0C, 0x0D, 0x8A, 0x0B}}},
+    {"REAL32",
+     0,
+     -3.1415927410125732,
+     {{0xDB, 0x0F, 0x49, 0xC0},
+      {0xC0, 0x49, 0x0F, 0xDB},
+      {0x49, 0xC0, 0xDB, 0x0F},
+      {0x0F, 0xDB, 0xC0, 0x49}}},
+    {"REAL64",
+     0,
+     12345.6789,
+     {{0xA1, 0xF8, 0x31, 0xE6, 0xD6, 0x1C, 0xC8, 0x40},
+      {0x40, 0xC8, 0x1C, 0xD6, 0xE6, 0x31, 0xF8, 0xA1},
+      {0xC8, 0x40, 0xD6, 0x1C, 0x31, 0xE6, 0xA1, 0xF8},
+      {0xF8, 0xA1, 0xE6, 0x31, 0x1C, 0xD6, 0x40, 0xC8}}},
+};
+
+#define WORD_ORDERS (sizeof(wordOrders) / sizeof(wordOrders[0]))
+
+static void testWordOrders(int order)
+{
+    size_t i, k;
+
+    for (i = 0; i < WORD_ORDERS; i++) {
+        const plcType *type = find(wordOrders[i].type);
+        const epicsUInt8 *bytes = wordOrders[i].bytes[order];
+        int real = type->kind == plcReal;
+        epicsUInt8 written[9], many[24], there[24], back[24];
+
+        testOk(real ? plcGetReal(type, bytes, order) == wordOrders[i].real
+                    : plcGetInt(type, bytes, order) == wordOrders[i].value,
+               "%s is read, order %d", type->name, order);
+        memset(written, 0xA5, sizeof(written));
+        if (real)
+            plcPutReal(type, written, order, wordOrders[i].real);
+        else
+            plcPutInt(type, written, order, wordOrders[i].value);
+        testOk(memcmp(written, bytes, type->size) == 0 && written[type->size] == 0xA5,
+               "and written");
+        for (k = 0; k < 3; k++)
+            memcpy(many + k * type->size, bytes, type->size);
+        plcCopyElements(there, many, type->size, 3, order);
+        plcCopyElements(back, there, type->size, 3, order);
+        for (k = 0; k < 3; k++)
+            if (nativeValue(there + k * type->size, type->size) !=
+                nativeValue(wordOrders[i].bytes[nativeOrder()], type->size))
+                break;
+        testOk(k == 3 && memcmp(back, many, 3 * type->size) == 0,
+               "and three of them are copied in both directions");
+    }
+}
+
+static void testOrders(void)
+{
+    testOk(plcOrder(1, 1) == plcBigEndian && plcOrder(0, 0) == plcLittleEndian,
+           "words as bytes are the usual orders");
+    testOk(plcOrder(1, 0) == (plcBigEndian | plcWordsSwapped) &&
+               plcOrder(0, 1) == (plcLittleEndian | plcWordsSwapped),
+           "else the words are swapped");
 }
 
 static const struct {
@@ -388,7 +495,10 @@ static void testBcd(void)
 
 MAIN(codecTest)
 {
-    testPlan(45 + 1 + 26 + 8 + 4 * 24 + 4 * 9 + 6 + 5 + 2 * 9 + 14);
+    int order;
+
+    testPlan(45 + 1 + 26 + 8 + 4 * 24 + 4 * 9 + 6 + 5 + 2 * 9 +
+             4 * 3 * (int)WORD_ORDERS + 2 + 14);
     testDiag("Names");
     testNames();
     testDiag("Table");
@@ -403,6 +513,10 @@ MAIN(codecTest)
     testSpecialReals();
     testCopies(0);
     testCopies(1);
+    testDiag("The order of words");
+    for (order = 0; order < 4; order++)
+        testWordOrders(order);
+    testOrders();
     testDiag("BCD");
     testBcd();
     return testDone();

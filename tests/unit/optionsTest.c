@@ -76,6 +76,11 @@ static const struct {
     {"track", "maybe", NULL},
     {"connectTimeout", "50", "connectTimeout=50"},
     {"connectTimeout", "49", NULL},
+    {"wordOrder", "low", "wordOrder=low"},
+    {"wordOrder", "HIGH", "wordOrder=high"},
+    {"wordOrder", "bytes", ""},
+    {"wordOrder", "off", NULL},
+    {"wordOrder", "1", NULL},
     {"requestTimeout", "10", "requestTimeout=10"},
     {"requestTimeout", "60000", "requestTimeout=60000"},
     {"requestTimeout", "9", NULL},
@@ -143,6 +148,9 @@ static void testTexts(void)
     testOk(plcOptionsSet(&options, "readback", "4", 1, error, sizeof(error)) == -1 &&
                strstr(error, "before iocInit"),
            "readback only before iocInit");
+    testOk(plcOptionsSet(&options, "wordOrder", "low", 1, error, sizeof(error)) == -1 &&
+               strstr(error, "before iocInit"),
+           "wordOrder only before iocInit");
     testOk(plcOptionsSet(&options, "heartbeat", "100", 1, error, sizeof(error)) == 0 &&
                options.heartbeat == 100,
            "heartbeat at any time");
@@ -210,7 +218,7 @@ MAIN(optionsTest)
 {
     size_t i;
 
-    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 13);
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 14);
     for (i = 0; i < sizeof(rows) / sizeof(rows[0]); i++)
         testRow(i);
     testTexts();

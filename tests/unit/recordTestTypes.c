@@ -1,5 +1,5 @@
-/* Every data type on every record type, in both byte orders: the literal bytes it reads
- * or writes, or the refusal.
+/* Every data type on every record type, in all four orders of bytes and words: the literal
+ * bytes it reads or writes, or the refusal.
  */
 #include <stdio.h>
 #include <string.h>
@@ -12,27 +12,56 @@
 
 #define SLOT 16 /* bytes of the block for one record */
 
-/* The bytes of a type, most and least significant first, and what the records make of
- * them. `number` is the value that output records write, too. */
+/* The orders of plcCodec.h, each by another way: a station without and with the option
+ * wordOrder, and links with W=. */
+static const struct {
+    const char *station; /* its name */
+    int bigEndian;
+    const char *wordOrder;
+    const char *link;
+    const char *title;
+} orders[] = {
+    {"least", 0, "bytes", "", "least significant byte first"},
+    {"most", 1, "bytes", "", "most significant byte first"},
+    {"leastInWord", 0, "high", "", "high word first, its least significant byte first"},
+    {"mostInWord", 1, "bytes", " W=low", "low word first, its most significant byte first"},
+};
+
+#define ORDERS COUNT(orders)
+
+/* The bytes of a type in these orders, and what the records make of them. `number` is the
+ * value that output records write, too. */
 static const struct {
     const char *type;
-    const char *msb, *lsb;
+    const char *bytes[ORDERS];
     const char *number;  /* of ai, ao, calcout, int64in, int64out */
     const char *longin;  /* 32 bits only */
     const char *lowBits; /* the lower four, of mbbi */
 } types[] = {
-    {"INT8", "83", "83", "-125", "-125", "3"},
-    {"UINT8", "83", "83", "131", "131", "3"},
-    {"INT16", "8102", "0281", "-32510", "-32510", "2"},
-    {"UINT16", "8102", "0281", "33026", "33026", "2"},
-    {"INT32", "81020304", "04030281", "-2130574588", "-2130574588", "4"},
-    {"UINT32", "81020304", "04030281", "2164392708", "-2130574588", "4"},
-    {"INT64", "8102030405060708", "0807060504030281", "-9150748177064392952", "", ""},
-    {"UINT64", "0102030405060709", "0907060504030201", "72623859790382857", "", ""},
-    {"REAL32", "c0490000", "000049c0", "-3.140625", "", ""},
-    {"REAL64", "c009200000000000", "00000000002009c0", "-3.140625", "", ""},
-    {"STRING", "48656c6c6f000000", "48656c6c6f000000", "Hello", "", ""},
-    {"TIME", "2613590000000000", "2613590000000000", "", "", ""},
+    {"INT8", {"83", "83", "83", "83"}, "-125", "-125", "3"},
+    {"UINT8", {"83", "83", "83", "83"}, "131", "131", "3"},
+    {"INT16", {"0281", "8102", "0281", "8102"}, "-32510", "-32510", "2"},
+    {"UINT16", {"0281", "8102", "0281", "8102"}, "33026", "33026", "2"},
+    {"INT32", {"04030281", "81020304", "02810403", "03048102"}, "-2130574588",
+     "-2130574588", "4"},
+    {"UINT32", {"04030281", "81020304", "02810403", "03048102"}, "2164392708",
+     "-2130574588", "4"},
+    {"INT64",
+     {"0807060504030281", "8102030405060708", "0281040306050807", "0708050603048102"},
+     "-9150748177064392952", "", ""},
+    {"UINT64",
+     {"0907060504030201", "0102030405060709", "0201040306050907", "0709050603040102"},
+     "72623859790382857", "", ""},
+    {"REAL32", {"000049c0", "c0490000", "49c00000", "0000c049"}, "-3.140625", "", ""},
+    {"REAL64",
+     {"00000000002009c0", "c009200000000000", "09c0002000000000", "000000002000c009"},
+     "-3.140625", "", ""},
+    {"STRING",
+     {"48656c6c6f000000", "48656c6c6f000000", "48656c6c6f000000", "48656c6c6f000000"},
+     "Hello", "", ""},
+    {"TIME",
+     {"2613590000000000", "2613590000000000", "2613590000000000", "2613590000000000"},
+     "", "", ""},
 };
 
 /* y: allowed, in the order of `types`. */
@@ -87,29 +116,28 @@ static const char *const arrayRecords[] = {"waveform", "aai", "aao"};
 #define SLOTS ((RECORDS + COUNT(arrayRecords) * ARRAYS) * TYPES)
 #define BLOCK (SLOTS * SLOT + 24) /* strings at the end have 40 bytes */
 
-static const char *const orders[] = {"least", "most"};
-
-static const char *pvName(const char *record, const char *ftvl, size_t type, int big)
+static const char *pvName(const char *record, const char *ftvl, size_t type, int order)
 {
     static char name[60];
 
-    epicsSnprintf(name, sizeof(name), "%s%s:%s:%d", record, ftvl, types[type].type, big);
+    epicsSnprintf(name, sizeof(name), "%s%s:%s:%d", record, ftvl, types[type].type, order);
     return name;
 }
 
-static void makeOne(const char *record, const char *ftvl, size_t type, int big,
+static void makeOne(const char *record, const char *ftvl, size_t type, int order,
                     size_t slot, const char *fields)
 {
     char text[200];
 
-    epicsSnprintf(text, sizeof(text), "%s=@%s/%lu T=%s%s", linkField(record),
-                  orders[big], (unsigned long)(slot * SLOT), types[type].type, fields);
-    makeRecord(record, pvName(record, ftvl, type, big), text);
+    epicsSnprintf(text, sizeof(text), "%s=@%s/%lu T=%s%s%s", linkField(record),
+                  orders[order].station, (unsigned long)(slot * SLOT), types[type].type,
+                  orders[order].link, fields);
+    makeRecord(record, pvName(record, ftvl, type, order), text);
 }
 
-static void fillSlot(epicsUInt8 *block, size_t slot, size_t type, int big)
+static void fillSlot(epicsUInt8 *block, size_t slot, size_t type, int order)
 {
-    unhex(big ? types[type].msb : types[type].lsb, block + slot * SLOT);
+    unhex(types[type].bytes[order], block + slot * SLOT);
 }
 
 /* What VAL of this record shows of the type's bytes. */
@@ -135,30 +163,39 @@ static void checkRefused(const char *pv, const char *title)
     isValue(field, "LINK", title);
 }
 
-static void checkInput(const char *record, size_t type, int big)
+static void checkInput(const char *record, size_t type, int order)
 {
-    const char *pv = pvName(record, "", type, big);
+    const char *pv = pvName(record, "", type, order);
     char title[120], field[80];
 
-    epicsSnprintf(title, sizeof(title), "%s reads %s, %s significant byte first", record,
-                  types[type].type, orders[big]);
+    epicsSnprintf(title, sizeof(title), "%s reads %s, %s", record, types[type].type,
+                  orders[order].title);
     epicsSnprintf(field, sizeof(field), "%s.PROC", pv);
     put(field, "1");
     epicsSnprintf(field, sizeof(field), "%s.VAL", pv);
     isValue(field, expected(record, type), title);
 }
 
+/* Where the least significant of `size` bytes stands. */
+static size_t lowestByte(size_t size, int order)
+{
+    static const size_t places[][ORDERS] = {
+        [1] = {0, 0, 0, 0}, [2] = {0, 1, 0, 1}, [4] = {0, 3, 2, 1}, [8] = {0, 7, 6, 1}};
+
+    return places[size][order];
+}
+
 /* Bits are written as 1 or 3 into zeros: only the lowest byte shows them. */
-static void checkOutput(plcStation *station, const char *record, size_t type, int big,
+static void checkOutput(plcStation *station, const char *record, size_t type, int order,
                         size_t slot)
 {
-    const char *pv = pvName(record, "", type, big);
-    const char *bytes = big ? types[type].msb : types[type].lsb;
+    const char *pv = pvName(record, "", type, order);
+    const char *bytes = types[type].bytes[order];
     int bits = record[0] == 'b' || record[0] == 'm';
     char title[120], field[80], zeros[2 * SLOT + 1];
 
-    epicsSnprintf(title, sizeof(title), "%s writes %s, %s significant byte first", record,
-                  types[type].type, orders[big]);
+    epicsSnprintf(title, sizeof(title), "%s writes %s, %s", record, types[type].type,
+                  orders[order].title);
     epicsSnprintf(field, sizeof(field), "%s.%s", pv,
                   strcmp(record, "calcout") == 0 ? "A" : "VAL");
     put(field, bits ? "1" : strcmp(record, "longout") ? types[type].number
@@ -169,22 +206,22 @@ static void checkOutput(plcStation *station, const char *record, size_t type, in
     }
     memset(zeros, '0', sizeof(zeros));
     zeros[strlen(bytes)] = 0;
-    zeros[big ? strlen(bytes) - 1 : 1] = '1';
+    zeros[2 * lowestByte(strlen(bytes) / 2, order) + 1] = '1';
     isOutput(station, slot * SLOT, zeros, title);
 }
 
-static void checkScalar(plcStation *station, size_t r, size_t type, int big)
+static void checkScalar(plcStation *station, size_t r, size_t type, int order)
 {
     const char *record = records[r].record;
     char title[120];
 
     if (records[r].allowed[type] != 'y') {
         epicsSnprintf(title, sizeof(title), "%s refuses %s", record, types[type].type);
-        checkRefused(pvName(record, "", type, big), title);
+        checkRefused(pvName(record, "", type, order), title);
     } else if (strcmp(linkField(record), "INP") == 0) {
-        checkInput(record, type, big);
+        checkInput(record, type, order);
     } else {
-        checkOutput(station, record, type, big, r * TYPES + type);
+        checkOutput(station, record, type, order, r * TYPES + type);
     }
 }
 
@@ -210,9 +247,9 @@ static const char *arrayText(size_t type, const char *ftvl)
 }
 
 static void checkArray(plcStation *station, const char *record, size_t a, size_t type,
-                       int big, size_t slot)
+                       int order, size_t slot)
 {
-    const char *pv = pvName(record, arrays[a].ftvl, type, big);
+    const char *pv = pvName(record, arrays[a].ftvl, type, order);
     int in = strcmp(linkField(record), "INP") == 0;
     char title[140], field[80];
 
@@ -222,9 +259,8 @@ static void checkArray(plcStation *station, const char *record, size_t a, size_t
         checkRefused(pv, title);
         return;
     }
-    epicsSnprintf(title, sizeof(title), "%s FTVL=%s %s %s, %s significant byte first",
-                  record, arrays[a].ftvl, in ? "reads" : "writes", types[type].type,
-                  orders[big]);
+    epicsSnprintf(title, sizeof(title), "%s FTVL=%s %s %s, %s", record, arrays[a].ftvl,
+                  in ? "reads" : "writes", types[type].type, orders[order].title);
     if (in) {
         epicsSnprintf(field, sizeof(field), "%s.PROC", pv);
         put(field, "1");
@@ -234,11 +270,11 @@ static void checkArray(plcStation *station, const char *record, size_t a, size_t
     }
     epicsSnprintf(field, sizeof(field), "%s.VAL", pv);
     put(field, arrayText(type, arrays[a].ftvl));
-    isOutput(station, slot * SLOT, big ? types[type].msb : types[type].lsb, title);
+    isOutput(station, slot * SLOT, types[type].bytes[order], title);
 }
 
-/* Visits all records of one byte order: makes them, or checks them. */
-static void visit(plcStation *station, int big, epicsUInt8 *block)
+/* Visits all records of one order: makes them, or checks them. */
+static void visit(plcStation *station, int order, epicsUInt8 *block)
 {
     size_t r, a, type, slot = 0;
     char fields[60];
@@ -246,24 +282,24 @@ static void visit(plcStation *station, int big, epicsUInt8 *block)
     for (r = 0; r < RECORDS; r++) {
         for (type = 0; type < TYPES; type++, slot++) {
             if (!block) {
-                checkScalar(station, r, type, big);
+                checkScalar(station, r, type, order);
                 continue;
             }
-            makeOne(records[r].record, "", type, big, slot, records[r].fields);
-            fillSlot(block, slot, type, big);
+            makeOne(records[r].record, "", type, order, slot, records[r].fields);
+            fillSlot(block, slot, type, order);
         }
     }
     for (r = 0; r < COUNT(arrayRecords); r++) {
         for (a = 0; a < ARRAYS; a++) {
             for (type = 0; type < TYPES; type++, slot++) {
                 if (!block) {
-                    checkArray(station, arrayRecords[r], a, type, big, slot);
+                    checkArray(station, arrayRecords[r], a, type, order, slot);
                     continue;
                 }
                 epicsSnprintf(fields, sizeof(fields), "|FTVL=%s|NELM=%d", arrays[a].ftvl,
                               type >= 10 ? 8 : 2);
-                makeOne(arrayRecords[r], arrays[a].ftvl, type, big, slot, fields);
-                fillSlot(block, slot, type, big);
+                makeOne(arrayRecords[r], arrays[a].ftvl, type, order, slot, fields);
+                fillSlot(block, slot, type, order);
             }
         }
     }
@@ -271,20 +307,25 @@ static void visit(plcStation *station, int big, epicsUInt8 *block)
 
 MAIN(recordTestTypes)
 {
-    static epicsUInt8 blocks[2][BLOCK];
-    plcStation *stations[2];
-    int big;
+    static epicsUInt8 blocks[ORDERS][BLOCK];
+    plcStation *stations[ORDERS];
+    char error[200];
+    int order;
 
-    testPlan(2 * SLOTS);
+    testPlan(ORDERS * SLOTS);
     iocBegin();
-    for (big = 0; big < 2; big++) {
-        stations[big] = makeStation(orders[big], big, BLOCK, BLOCK);
-        visit(stations[big], big, blocks[big]);
+    for (order = 0; order < (int)ORDERS; order++) {
+        stations[order] =
+            makeStation(orders[order].station, orders[order].bigEndian, BLOCK, BLOCK);
+        if (plcStationSetOption(stations[order], "wordOrder", orders[order].wordOrder,
+                                error, sizeof(error)))
+            testAbort("%s", error);
+        visit(stations[order], order, blocks[order]);
     }
     iocRunOk();
-    for (big = 0; big < 2; big++) {
-        publish(stations[big], blocks[big], 1);
-        visit(stations[big], big, NULL);
+    for (order = 0; order < (int)ORDERS; order++) {
+        publish(stations[order], blocks[order], 1);
+        visit(stations[order], order, NULL);
     }
     iocEnd();
     return testDone();
