@@ -69,7 +69,8 @@ static int usage(FILE *fp)
         "  -k, --check               check the file, then end\n"
         "  -h, --help                this text\n"
         "\nKeys of the file, with their defaults:\n%s"
-        "\nStatements of the file: db, init, signal, mirror, modbus, tx, rx. Type `help` for "
+        "\nStatements of the file: db, init, signal, mirror, modbus, tx, rx. Type `help` "
+        "for "
         "commands.\n",
         keys.text);
     simTextFree(&keys);

@@ -20,7 +20,14 @@
 
 /* ---- keys ---- */
 
-typedef enum keyKind { keyText, keyCount, keyUnsigned, keyTime, keyChoice, keyOrNone } keyKind;
+typedef enum keyKind {
+    keyText,
+    keyCount,
+    keyUnsigned,
+    keyTime,
+    keyChoice,
+    keyOrNone
+} keyKind;
 
 /* clang-format off */
 static const struct key {
@@ -87,7 +94,8 @@ static const struct key {
     {"modbus_unit", keyOrNone, AT(modbusUnit), 0, 255, "1", "any",
      "unit id that is answered (default 1), or any"},
     {"modbus_otherunit", keyChoice, AT(modbusGateway), 0, 0, "silence",
-     "silence|exception", "what a request for another unit gets: nothing, or exception 11"},
+     "silence|exception",
+     "what a request for another unit gets: nothing, or exception 11"},
 #undef AT
 };
 /* clang-format on */

@@ -1,5 +1,5 @@
-/* simListener: a listening TCP socket that can be pulled, refused or switched off. It hands
- * new connections to its owner and knows nothing of what they say.
+/* simListener: a listening TCP socket that can be pulled, refused or switched off. It
+ * hands new connections to its owner and knows nothing of what they say.
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */
@@ -222,7 +222,8 @@ void simListenerRefuse(simListener *listener, int on)
     listenAgain(listener);
 }
 
-/* The listening socket stays, so that connects which were tried meanwhile come through. */
+/* The listening socket stays, so that connects which were tried meanwhile come through.
+ */
 static void plugIn(simListener *listener)
 {
     if (listener->down || listener->refuse || listen(listener->fd, BACKLOG)) {

@@ -1,5 +1,5 @@
-/* simListener: a listening TCP socket that can be pulled, refused or switched off. It hands
- * new connections to its owner and knows nothing of what they say.
+/* simListener: a listening TCP socket that can be pulled, refused or switched off. It
+ * hands new connections to its owner and knows nothing of what they say.
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */
@@ -22,18 +22,20 @@ typedef struct simListener {
     simAcceptFn accepted;
     void *owner;
     struct sockaddr_in address;
-    int receiveBuffer; /* bytes for SO_RCVBUF, 0 = system default */
-    int fd;            /* -1 = none */
-    int down;          /* PLC is off */
-    int refuse;        /* new connections get RST */
-    int unplugged;     /* new connections get no answer */
-    int decoys[SIM_DECOYS]; /* own connections that fill the accept queue while unplugged */
+    int receiveBuffer;      /* bytes for SO_RCVBUF, 0 = system default */
+    int fd;                 /* -1 = none */
+    int down;               /* PLC is off */
+    int refuse;             /* new connections get RST */
+    int unplugged;          /* new connections get no answer */
+    int decoys[SIM_DECOYS]; /* own connections that fill the accept queue while unplugged
+                             */
 } simListener;
 
 /* Listens on address:port (0 = any free port). Returns 0, or -1 after a message. name and
  * owner must outlive the listener. receiveBuffer may be set before. */
 int simListenerOpen(simListener *listener, simLoop *loop, const char *name,
-                    const char *address, unsigned port, simAcceptFn accepted, void *owner);
+                    const char *address, unsigned port, simAcceptFn accepted,
+                    void *owner);
 void simListenerClose(simListener *listener);
 
 /* "127.0.0.1:40123"; static text. */

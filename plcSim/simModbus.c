@@ -15,9 +15,9 @@
 
 #include "simModbus.h"
 
-#define INBOX 4096          /* bytes read at a time */
-#define MAX_QUEUED 65536u   /* bytes that a client may leave unread */
-#define READ_ROUNDS 16      /* reads per call, so that a fast client leaves time */
+#define INBOX 4096        /* bytes read at a time */
+#define MAX_QUEUED 65536u /* bytes that a client may leave unread */
+#define READ_ROUNDS 16    /* reads per call, so that a fast client leaves time */
 
 /* Bytes on their way to a client. */
 typedef struct chunk {
@@ -40,9 +40,9 @@ struct simModbusClient {
     ELLLIST queue;
     size_t queued; /* bytes in it */
     simTimer timer;
-    int mute;       /* half an answer left: nothing more will */
-    int ended;      /* the client sends no more */
-    int otherUnit;  /* of the last request that was for another unit, -1 = none */
+    int mute;         /* half an answer left: nothing more will */
+    int ended;        /* the client sends no more */
+    int otherUnit;    /* of the last request that was for another unit, -1 = none */
     unsigned refusal; /* function and exception that were logged last */
 };
 
@@ -204,8 +204,8 @@ static void onTimer(void *arg)
     update(arg);
 }
 
-/* Sends what may leave now, then asks the loop for what is still needed. The client may be
- * gone afterwards. */
+/* Sends what may leave now, then asks the loop for what is still needed. The client may
+ * be gone afterwards. */
 static void update(simModbusClient *client)
 {
     simModbus *modbus = client->modbus;
@@ -401,8 +401,8 @@ static void onClient(void *arg, int fd, short revents)
     simModbusClient *client = arg;
     int rounds = READ_ROUNDS;
     int status = 1;
-    int waits = client->modbus->faults.unplugged || client->ended ||
-                client->queued >= MAX_QUEUED;
+    int waits =
+        client->modbus->faults.unplugged || client->ended || client->queued >= MAX_QUEUED;
 
     (void)fd;
     /* Where nothing is read, only poll() can tell that the connection is gone. */
@@ -423,8 +423,8 @@ int simModbusOpen(simModbus *modbus, simLoop *loop, const char *name, const char
 {
     modbus->loop = loop;
     modbus->name = name;
-    modbus->history = callocMustSucceed(SIM_MODBUS_HISTORY, sizeof(simModbusRecord),
-                                        "simModbusOpen");
+    modbus->history =
+        callocMustSucceed(SIM_MODBUS_HISTORY, sizeof(simModbusRecord), "simModbusOpen");
     if (simAnswererOpen(&modbus->answerer, &modbus->map, name))
         return -1;
     return simListenerOpen(&modbus->listener, loop, name, address, port, takeClient,
@@ -489,10 +489,12 @@ static void countsText(const simModbusCounts *n, simText *out)
 {
     int i;
 
-    simTextAdd(out, "modbus requests: total=%llu answered=%llu silent=%llu "
-               "other_unit=%llu garbage=%llu", (unsigned long long)n->requests,
-               (unsigned long long)n->answers, (unsigned long long)n->silent,
-               (unsigned long long)n->otherUnit, (unsigned long long)n->garbage);
+    simTextAdd(out,
+               "modbus requests: total=%llu answered=%llu silent=%llu "
+               "other_unit=%llu garbage=%llu",
+               (unsigned long long)n->requests, (unsigned long long)n->answers,
+               (unsigned long long)n->silent, (unsigned long long)n->otherUnit,
+               (unsigned long long)n->garbage);
     for (i = 0; i < 256; i++)
         if (n->function[i])
             simTextAdd(out, " fc%d=%llu", i, (unsigned long long)n->function[i]);
@@ -502,9 +504,10 @@ static void countsText(const simModbusCounts *n, simText *out)
     for (i = 0; i < 256; i++)
         if (n->refused[i])
             simTextAdd(out, " fc%d=%llu", i, (unsigned long long)n->refused[i]);
-    simTextAdd(out, "\nmodbus largest: read_registers=%u read_bits=%u write_registers=%u "
-               "write_bits=%u\n", n->maxRead[0], n->maxRead[1], n->maxWrite[0],
-               n->maxWrite[1]);
+    simTextAdd(out,
+               "\nmodbus largest: read_registers=%u read_bits=%u write_registers=%u "
+               "write_bits=%u\n",
+               n->maxRead[0], n->maxRead[1], n->maxWrite[0], n->maxWrite[1]);
 }
 
 void simModbusStatus(const simModbus *modbus, simText *out)
@@ -529,8 +532,10 @@ void simModbusStatus(const simModbus *modbus, simText *out)
         const simModbusClient *c = modbus->clients[i];
 
         if (c)
-            simTextAdd(out, "modbus client: number=%u peer=%s seconds=%.3f requests=%llu "
-                       "unsent=%lu\n", c->number, c->peer, now - c->connectTime,
+            simTextAdd(out,
+                       "modbus client: number=%u peer=%s seconds=%.3f requests=%llu "
+                       "unsent=%lu\n",
+                       c->number, c->peer, now - c->connectTime,
                        (unsigned long long)c->requests, (unsigned long)c->queued);
     }
     countsText(&modbus->counts, out);
@@ -558,12 +563,16 @@ void simModbusReceived(const simModbus *modbus, unsigned long n, simText *out)
         simRequest request;
 
         simRequestParse(&request, record->bytes, record->size);
-        simTextAdd(out, "%llu time=%.6f client=%u unit=%u fc=%u", (unsigned long long)i + 1,
-                   record->time, record->client, request.unit, request.function);
+        simTextAdd(out, "%llu time=%.6f client=%u unit=%u fc=%u",
+                   (unsigned long long)i + 1, record->time, record->client, request.unit,
+                   request.function);
         spanText("read", &request.read, out);
         spanText("write", &request.write, out);
-        simTextAdd(out, record->result < 0 ? " answer=none" : record->result ?
-                   " answer=exception%d" : " answer=ok", record->result);
+        simTextAdd(out,
+                   record->result < 0 ? " answer=none"
+                   : record->result   ? " answer=exception%d"
+                                      : " answer=ok",
+                   record->result);
         simTextAdd(out, " pdu=");
         simTextHex(out, record->bytes + SIM_MBAP, record->size - SIM_MBAP);
         simTextAdd(out, "\n");

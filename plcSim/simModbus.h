@@ -21,12 +21,12 @@
 typedef struct simModbusCounts {
     epicsUInt64 connections, sentAway;
     epicsUInt64 requests, answers;
-    epicsUInt64 function[256];   /* requests */
-    epicsUInt64 refused[256];    /* requests that an exception answered */
-    epicsUInt64 exception[12];   /* by code */
-    epicsUInt64 otherUnit;       /* requests for another unit */
-    epicsUInt64 silent;          /* requests that a fault kept from being answered */
-    epicsUInt64 garbage;         /* connections closed since they did not speak Modbus */
+    epicsUInt64 function[256]; /* requests */
+    epicsUInt64 refused[256];  /* requests that an exception answered */
+    epicsUInt64 exception[12]; /* by code */
+    epicsUInt64 otherUnit;     /* requests for another unit */
+    epicsUInt64 silent;        /* requests that a fault kept from being answered */
+    epicsUInt64 garbage;       /* connections closed since they did not speak Modbus */
     unsigned maxRead[2], maxWrite[2]; /* largest request: registers, bits */
 } simModbusCounts;
 
@@ -44,9 +44,9 @@ typedef struct simModbusClient simModbusClient;
 typedef struct simModbus {
     simLoop *loop;
     const char *name;
-    int enabled;    /* by the configuration */
-    int unit;       /* that is answered, -1 = any */
-    int gateway;    /* another unit gets exception 11 instead of silence */
+    int enabled; /* by the configuration */
+    int unit;    /* that is answered, -1 = any */
+    int gateway; /* another unit gets exception 11 instead of silence */
     simModbusMap map;
     simAnswerer answerer;
     simListener listener;

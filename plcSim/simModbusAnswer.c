@@ -1,10 +1,10 @@
-/* simModbusAnswer: from a Modbus/TCP request to its answer. libmodbus makes the answer, on
- * PLC memory. It does not know clients, nor faults.
+/* simModbusAnswer: from a Modbus/TCP request to its answer. libmodbus makes the answer,
+ * on PLC memory. It does not know clients, nor faults.
  *
  * libmodbus sends its answer into one end of a socket pair of ours, and we read it at the
- * other end: so it can neither wait for a client nor eat bytes of one. It has its own ideas
- * of wrong requests (it sleeps, then throws away what came behind); therefore it is given
- * good ones only.
+ * other end: so it can neither wait for a client nor eat bytes of one. It has its own
+ * ideas of wrong requests (it sleeps, then throws away what came behind); therefore it is
+ * given good ones only.
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */
@@ -30,7 +30,8 @@ struct simModbusLibrary {
 
 int simAnswererOpen(simAnswerer *answerer, const simModbusMap *map, const char *name)
 {
-    struct simModbusLibrary *library = callocMustSucceed(1, sizeof(*library), "simModbus");
+    struct simModbusLibrary *library =
+        callocMustSucceed(1, sizeof(*library), "simModbus");
     int all = (int)SIM_MODBUS_ADDRESSES;
 
     answerer->map = map;
@@ -160,7 +161,8 @@ static int readShape(const struct function *f, const epicsUInt8 *pdu, size_t siz
     case shapeMany:
         setSpan(&request->write, f->table, be16(pdu + 1), count);
         return size > 6 && inRange(count, f->maxWrite) &&
-               hasValues(pdu, size, 5, f->table == simCoils ? (count + 7) / 8 : 2 * count);
+               hasValues(pdu, size, 5,
+                         f->table == simCoils ? (count + 7) / 8 : 2 * count);
     case shapeMask:
         setSpan(&request->write, f->table, be16(pdu + 1), 1);
         return size == 7;
@@ -215,7 +217,8 @@ static void load(const simModbusMap *map, modbus_mapping_t *mapping, const simSp
         simMapGetBits(map, simCoils, span->start, span->count, mapping->tab_bits);
         break;
     case simDiscrete:
-        simMapGetBits(map, simDiscrete, span->start, span->count, mapping->tab_input_bits);
+        simMapGetBits(map, simDiscrete, span->start, span->count,
+                      mapping->tab_input_bits);
         break;
     case simHolding:
         simMapGetRegisters(map, simHolding, span->start, span->count,

@@ -1,5 +1,5 @@
-/* simModbusAnswer: from a Modbus/TCP request to its answer. libmodbus makes the answer, on
- * PLC memory. It does not know clients, nor faults.
+/* simModbusAnswer: from a Modbus/TCP request to its answer. libmodbus makes the answer,
+ * on PLC memory. It does not know clients, nor faults.
  *
  *   byte   0    1    2    3    4    5    6      7
  *        +----+----+----+----+----+----+------+----------+----------- - -
@@ -15,7 +15,7 @@
 
 #include "simModbusMap.h"
 
-#define SIM_MBAP 7        /* bytes in front of the function */
+#define SIM_MBAP 7         /* bytes in front of the function */
 #define SIM_MODBUS_ADU 260 /* bytes of the longest request or answer */
 
 /* Addresses that a request reads or writes; count 0 = none. */
@@ -52,8 +52,8 @@ int simRequestParse(simRequest *request, const epicsUInt8 *bytes, size_t size);
 /* The exception that the PLC answers with, or 0: 1 `without`, 2 no such address. */
 int simRequestCheck(const simRequest *request, const simModbusMap *map);
 
-/* Does what the request says, and writes the answer. Returns its bytes, 0 = none. Only for
- * a request that parse and check have found good. */
+/* Does what the request says, and writes the answer. Returns its bytes, 0 = none. Only
+ * for a request that parse and check have found good. */
 size_t simAnswer(simAnswerer *answerer, const simRequest *request,
                  epicsUInt8 answer[SIM_MODBUS_ADU]);
 /* The answer is this exception (1 ... 11). */

@@ -13,13 +13,13 @@ static const struct fault {
     unsigned long min, max; /* of the number behind it; max 0 = has none */
     const char *number;
 } kinds[SIM_MODBUS_FAULTS] = {
-    {"exception", 1, 11,      "a code"          },
-    {"slow",      0, 3600000, "a time in ms"    },
-    {"silent",    0, 0,       NULL              },
-    {"wrongunit", 0, 0,       NULL              },
-    {"wrongid",   0, 0,       NULL              },
+    {"exception", 1, 11,      "a code"           },
+    {"slow",      0, 3600000, "a time in ms"     },
+    {"silent",    0, 0,       NULL               },
+    {"wrongunit", 0, 0,       NULL               },
+    {"wrongid",   0, 0,       NULL               },
     {"short",     0, 260,     "a number of bytes"},
-    {"close",     0, 0,       NULL              },
+    {"close",     0, 0,       NULL               },
     {"garbage",   1, 1000000, "a number of bytes"},
 };
 

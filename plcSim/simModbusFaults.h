@@ -26,11 +26,11 @@ typedef enum simModbusFault {
 typedef struct simModbusRule {
     simModbusFault fault;
     unsigned long number;
-    int close;              /* short: the connection ends behind it */
-    int reads, writes;      /* which requests; both 0 = all */
-    unsigned function;      /* 0 = all */
-    simTable table;         /* simNoTable = all */
-    unsigned start, count;  /* count 0 = the whole table */
+    int close;               /* short: the connection ends behind it */
+    int reads, writes;       /* which requests; both 0 = all */
+    unsigned function;       /* 0 = all */
+    simTable table;          /* simNoTable = all */
+    unsigned start, count;   /* count 0 = the whole table */
     unsigned long remaining; /* requests; 0 = always */
 } simModbusRule;
 
@@ -42,14 +42,14 @@ typedef struct simModbusFaults {
 
 /* What happens to one request. */
 typedef struct simModbusFate {
-    int silent;        /* not served, not answered */
-    int exception;     /* answered with this code, not served; 0 = none */
-    double delay;      /* s that the answer leaves late */
+    int silent;    /* not served, not answered */
+    int exception; /* answered with this code, not served; 0 = none */
+    double delay;  /* s that the answer leaves late */
     int wrongUnit, wrongId;
-    int half;          /* half of the answer leaves, then the connection ends */
-    long shorten;      /* only so many bytes of the answer leave, -1 = all */
-    int close;         /* then the connection ends, else it is mute */
-    long garbage;      /* so many random bytes instead of the answer, -1 = none */
+    int half;     /* half of the answer leaves, then the connection ends */
+    long shorten; /* only so many bytes of the answer leave, -1 = all */
+    int close;    /* then the connection ends, else it is mute */
+    long garbage; /* so many random bytes instead of the answer, -1 = none */
 } simModbusFate;
 
 /* Adds a rule from words such as "exception 2 holding 17 write next 3", or ends faults

@@ -140,8 +140,8 @@ static int addArea(simModbusMap *map, char **words, size_t count,
     area.table = simTableByName(words[0]);
     if (count < 5 || count > 6 || strcmp(words[3], "->") ||
         (count == 6 && strcasecmp(words[5], "readonly")))
-        return simFail(
-            error, "modbus %s wants: <first> <count> -> <address> [readonly]", words[0]);
+        return simFail(error, "modbus %s wants: <first> <count> -> <address> [readonly]",
+                       words[0]);
     if (simMapNumber(words[1], SIM_MODBUS_ADDRESSES - 1, &start) ||
         simMapNumber(words[2], SIM_MODBUS_ADDRESSES, &size) || size < 1 ||
         start + size > SIM_MODBUS_ADDRESSES)
@@ -165,8 +165,10 @@ int simMapStatement(simModbusMap *map, char **words, size_t count,
         return without(map, words + 1, count - 1, error);
     if (count && simTableByName(words[0]) != simNoTable)
         return addArea(map, words, count, error);
-    return simFail(error, "modbus%s%.40s: allowed are holding, input, coils, discrete and "
-                   "without", count ? " " : "", count ? words[0] : "");
+    return simFail(error,
+                   "modbus%s%.40s: allowed are holding, input, coils, discrete and "
+                   "without",
+                   count ? " " : "", count ? words[0] : "");
 }
 
 /* ---- memory ---- */
@@ -303,7 +305,9 @@ void simMapText(const simModbusMap *map, simText *out)
             simTextAdd(out, "DB%u.", block->number);
         else
             simTextAdd(out, "%c",
-                       block->area == SIM_AREA_I ? 'I' : block->area == SIM_AREA_Q ? 'Q' : 'M');
+                       block->area == SIM_AREA_I   ? 'I'
+                       : block->area == SIM_AREA_Q ? 'Q'
+                                                   : 'M');
         simTextAdd(out, "%lu", (unsigned long)area->place.offset);
         if (area->place.bit > 0)
             simTextAdd(out, ".%d", area->place.bit);
