@@ -139,6 +139,47 @@ static void testOptions(void)
     }
 }
 
+/* W= comes with another option, or without. */
+static const struct {
+    const char *options;
+    unsigned has;
+    int highWordFirst;
+    epicsInt64 low;
+} wordRows[] = {
+    {"W=high",           plcHasW,           1, 0},
+    {"W=low",            plcHasW,           0, 0},
+    {"w=High",           plcHasW,           1, 0},
+    {"W=LOW",            plcHasW,           0, 0},
+    {"'W=high'",         plcHasW,           1, 0},
+    {"W=highL=5",        plcHasW | plcHasL, 1, 5},
+    {"L=5W=low",         plcHasW | plcHasL, 0, 5},
+    {"L=5 W=high ",      plcHasW | plcHasL, 1, 5},
+    {"T=FLOATW=high",    plcHasW | plcHasT, 1, 0},
+    {"W=lowT=WORD",      plcHasW | plcHasT, 0, 0},
+    {"R=4W=high",        plcHasW | plcHasR, 1, 0},
+    {"B=3\tW=low",       plcHasW | plcHasB, 0, 0},
+};
+
+static void testWords(void)
+{
+    size_t i;
+
+    for (i = 0; i < COUNT(wordRows); i++) {
+        char text[100];
+        plcLink link;
+        plcLinkError error;
+        int status;
+
+        epicsSnprintf(text, sizeof(text), "@PLC/4 %s", wordRows[i].options);
+        status = plcLinkParse(text, &link, &error);
+        testOk(status == 0 && error.text[0] == 0 && link.has == wordRows[i].has &&
+                   link.highWordFirst == wordRows[i].highWordFirst &&
+                   link.low == wordRows[i].low &&
+                   link.column.W == strcspn(text, "Ww"),
+               "%s %s", text, error.text);
+    }
+}
+
 static void testColumns(void)
 {
     plcLink link;
@@ -149,7 +190,8 @@ static void testColumns(void)
     testOk(link.column.offset == 6 && link.column.B == 8 && link.column.T == 13 &&
                link.column.R == 20,
            "the link remembers where offset, B, T and R stand");
-    testOk(link.column.L == 23 && link.column.H == 23, "what is not there is at the end");
+    testOk(link.column.L == 23 && link.column.H == 23 && link.column.W == 23,
+           "what is not there is at the end");
     testOk(plcLinkParse(NULL, &link, &error) == -1, "no text at all is refused");
 }
 
@@ -307,6 +349,13 @@ static const struct {
     {"@PLC/4 B=1.2",                                                10, "B=1.2 is no whole number"                                    },
     {"@PLC/4 B=0x1B=1",                                             13, ""                                                            },
     {"@PLC/4 R=",                                                   9,  "R= \"\" is no number; allowed: such as 20 or 20+2"           },
+    {"@PLC/4 W=",                                                   9,  "W= has no value; allowed: W=high W=low"                      },
+    {"@PLC/4 W= high",                                              9,  "W= has no value; allowed: W=high W=low"                      },
+    {"@PLC/4 W=''",                                                 9,  "W= has no value; allowed: W=high W=low"                      },
+    {"@PLC/4 W=hi",                                                 9,  "W=hi is no word order; allowed: W=high W=low"                },
+    {"@PLC/4 W=lower",                                              9,  "W=lower is no word order; allowed: W=high W=low"             },
+    {"@PLC/4 W=1",                                                  9,  "W=1 is no word order; allowed: W=high W=low"                 },
+    {"@PLC/4 T=FLOAT W=low=",                                       17, "W=low= is no word order; allowed: W=high W=low"              },
     {"@PLC/4 R=-1",                                                 9,  "R= -1 is negative; allowed: 0 and more"                      },
     {"@PLC/4 R=4-2",                                                10, "R= \"4-2\": only sums such as 4+2 are allowed"               },
     {"@PLC/4 R=x",                                                  9,  ""                                                            },
@@ -368,9 +417,10 @@ static void testRefusals(void)
 /* --- The record type ---------------------------------------------------------------- */
 
 #define LH (plcHasL | plcHasH)
+#define LHW (LH | plcHasW)
 
-static const plcShape ai = {"ai", plcInteger | plcReal, 4, LH, "INT16"};
-static const plcShape ao = {"ao", plcInteger | plcReal, 4, LH | plcHasR, "INT16"};
+static const plcShape ai = {"ai", plcInteger | plcReal, 4, LHW, "INT16"};
+static const plcShape ao = {"ao", plcInteger | plcReal, 4, LHW | plcHasR, "INT16"};
 static const plcShape bi = {"bi", plcInteger, 8, plcHasB, "INT16"};
 static const plcShape longin = {"longin", plcInteger, 4, 0, "INT16"};
 static const plcShape int64in = {"int64in", plcInteger, 8, LH, "INT16"};
@@ -406,6 +456,18 @@ static const struct {
     {&ai,       0,  "T=INT8 L=-128 H=127",        "INT8",   -128,                   127,                   ""},
     {&ai,       0,  "T=UINT32 L=10 H=0xFFFFFFFF", "UINT32", 10,                     4294967295LL,          ""},
     {&ai,       0,  "B=15",                       "INT16",  -32767,                 32767,                 ""},
+    {&ai,       0,  "T=INT32 W=low",              "INT32",  -2147483647,            2147483647,            ""},
+    {&ai,       0,  "T=DOUBLE W=high",            "REAL64", 0,                      0,                     ""},
+    {&ai,       0,  "W=low",                      "INT16",  -32767,                 32767,
+     "W= has no effect on INT16: only types of 4 and 8 bytes have an order of words"                         },
+    {&ai,       0,  "T=BYTE W=high",              "UINT8",  0,                      255,
+     "W= has no effect on UINT8: only types of 4 and 8 bytes have an order of words"                         },
+    {&stringin, 40, "W=high",                     "STRING", 40,                     0,
+     "W= has no effect on STRING: only types of 4 and 8 bytes have an order of words"                        },
+    {&chars,    8,  "T=TIME W=high",              "TIME",   0,                      0,
+     "W= has no effect on TIME: only types of 4 and 8 bytes have an order of words"                          },
+    {&ai,       0,  "L=-40000 H=100 W=low",       "INT16",  -40000,                 100,
+     "L=-40000 is below the type: INT16 begins at -32768"                                                    },
     {&ai,       0,  "L=-40000 H=100",             "INT16",  -40000,                 100,
      "L=-40000 is below the type: INT16 begins at -32768"                                                    },
     {&ai,       0,  "T=UINT8 L=-10 H=100",        "UINT8",  -10,                    100,
@@ -552,6 +614,7 @@ static void randomPieces(char *text, size_t size)
         "@",     "PLC",   "/",  "4",  "+",  "-",        " ",  "'",
         "T=",    "INT16", "L=", "H=", "B=", "R=",       "0x", "99999999999",
         "FLOAT", "\t",    "=",  "0",  "8",  "T=STRING", "\"", "\xFF",
+        "W=",    "W=low", "high",
     };
     int n = (int)roll(14);
 
@@ -569,7 +632,7 @@ static void mutation(char *text, size_t size)
 {
     int n = 1 + (int)roll(4);
 
-    epicsSnprintf(text, size, "@PLC-1:a/20+3+2 'T=INT32 L=-5 H=0x7FFF B=12 R=4+0x10' ");
+    epicsSnprintf(text, size, "@PLC-1:a/20+3+2 'T=INT32 L=-5 H=0x7FFF B=12 R=4+0x10 W=low' ");
     while (n-- > 0) {
         size_t length = strlen(text), at = roll((unsigned)length);
 
@@ -622,12 +685,13 @@ static void testNoise(void)
 
 MAIN(linkTest)
 {
-    testPlan(COUNT(places) + COUNT(optionRows) + 5 + COUNT(doubts) + 3 + COUNT(refusals) +
+    testPlan(COUNT(places) + COUNT(optionRows) + COUNT(wordRows) + 5 + COUNT(doubts) + 3 + COUNT(refusals) +
              2 + COUNT(completions) + COUNT(misfits) + 4);
     testDiag("Place and type");
     testPlaces();
     testDiag("Options");
     testOptions();
+    testWords();
     testColumns();
     testDiag("Accepted with a warning");
     testDoubts();

@@ -12,8 +12,8 @@
 #include "recordTest.h"
 #include "testTools.h"
 
-#define IN 80
-#define OUT 64
+#define IN 128
+#define OUT 112
 #define MIRROR 16 /* the output block is shown in the input block from here on */
 
 /* Each record has its place in the output block; `held` is what the PLC has there. */
@@ -52,6 +52,20 @@ static const struct {
     {"aao", "array", "OUT=@P/42|FTVL=SHORT|NELM=2", 42, "00030004", "3,4", "ffff0001", "-1,1"},
     {"aao", "time", "OUT=@P/46 T=TIME|FTVL=UCHAR|NELM=3", 46, "125959", "12,59,59", "130000",
      "13,0,0"},
+    {"longout", "words", "OUT=@P/56 T=INT32 W=low|VAL=9", 56, "56781234", "305419896",
+     "fffeffff", "-2"},
+    {"ao", "realWords", "OUT=@P/60 T=FLOAT W=low|VAL=9", 60, "0000c049", "-3.140625",
+     "00004049", "3.140625"},
+    {"int64out", "wideWords", "OUT=@P/64 T=INT64 W=low|VAL=9", 64, "0000000001000000",
+     "1099511627776", "fffeffffffffffff", "-2"},
+    {"bo", "bitWords", "OUT=@P/72 T=DWORD W=low B=16|VAL=0", 72, "00020021", "1", "00010020",
+     "0"},
+    {"mbbo", "stateWords", "OUT=@P/72 T=DWORD W=low|NOBT=4|SHFT=20|VAL=0", 72, "00020021", "2",
+     "00010020", "2"},
+    {"mbboDirect", "directWords", "OUT=@P/72 T=DWORD W=low|NOBT=4|VAL=0", 72, "00020021", "2",
+     "00010020", "1"},
+    {"aao", "arrayWords", "OUT=@P/76 W=low|FTVL=LONG|NELM=2", 76, "0000000100010000",
+     "65536,1", "00020000fffeffff", "2,-2"},
     {"calcout", "calc", "OUT=@P/52 T=FLOAT|CALC=A|A=4", 52, "41000000", NULL, "41100000", NULL},
 };
 
@@ -257,7 +271,7 @@ static void testMixed(void)
 
 MAIN(recordTestFollow)
 {
-    testPlan(2 * (2 + 18 + 1 + 1 + 18 + 1) + 18 + 6 + 5);
+    testPlan(2 * (2 + 25 + 1 + 1 + 25 + 1) + 25 + 6 + 5);
     testFollow("NO");
     testFollow("YES");
     testTrack();

@@ -401,7 +401,7 @@ static void nonsense(char *text, size_t size)
     static const char *const pieces[] = {
         "@", "P", "/", "0", "12", "65536", "-", "+", " ", "'", "T=", "L=", "H=", "B=",
         "R=", "INT16", "STRING", "FLOAT", "TIME", "QWORD", "0x", "99999999999999999999",
-        "=", "\t", "\xff", "%s%n", "/4 T=INT8", "@P/", "1e9", ";",
+        "=", "\t", "\xff", "%s%n", "W=", "W=high", "/4 T=INT8", "@P/", "1e9", ";",
     };
     unsigned n = dice(12);
 
