@@ -1,0 +1,52 @@
+/* The command drvAsynS7plcConfigure: a station as an asyn port. */
+#include <stdio.h>
+
+#include <epicsStdlib.h>
+#include <errlog.h>
+#include <iocsh.h>
+
+#include "drvAsynS7plc.h"
+#include "plcAsynPort.h"
+
+#include <epicsExport.h> /* last */
+
+#define INITIAL_WAIT_MS 500 /* as long as asyn itself waits for a port to connect */
+
+int drvAsynS7plcConfigure(const char *port, const char *PLCname, const char *initialWait)
+{
+    double wait = INITIAL_WAIT_MS;
+
+    if (initialWait && initialWait[0] &&
+        (epicsParseDouble(initialWait, &wait, NULL) || !(wait >= 0 && wait <= 60000))) {
+        errlogSevPrintf(errlogMajor, "drvAsynS7plcConfigure %s: initialWait=%s; allowed: 0 "
+                        "to 60000 ms\n", port ? port : "", initialWait);
+        return -1;
+    }
+    return plcAsynPortCreate(port ? port : "", PLCname ? PLCname : "", wait);
+}
+
+static const iocshArg arg0 = {"port", iocshArgString};
+static const iocshArg arg1 = {"PLCname", iocshArgString};
+static const iocshArg arg2 = {"initialWait [ms]", iocshArgString};
+static const iocshArg *const args[] = {&arg0, &arg1, &arg2};
+static const iocshFuncDef configureDef = {
+    "drvAsynS7plcConfigure", 3, args
+#ifdef IOCSHFUNCDEF_HAS_USAGE
+    ,
+    "Makes an asyn port of a PLC that is configured. initialWait: how long iocInit may wait\n"
+    "for the first block, for outputs whose initial value the PLC shows (default 500 ms).\n"
+    "  drvAsynS7plcConfigure PLC-A-asyn,PLC-A\n"
+#endif
+};
+
+static void configureCall(const iocshArgBuf *values)
+{
+    drvAsynS7plcConfigure(values[0].sval, values[1].sval, values[2].sval);
+}
+
+static void s7plcAsynRegister(void)
+{
+    iocshRegister(&configureDef, configureCall);
+}
+
+epicsExportRegistrar(s7plcAsynRegister);

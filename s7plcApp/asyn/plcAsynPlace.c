@@ -1,0 +1,407 @@
+/* From a drvInfo to a place in a block, and from its bytes to the values of one asyn
+ * interface; see plcAsynPlace.h. */
+#include <ctype.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cantProceed.h>
+#include <epicsStdio.h>
+#include <epicsString.h>
+
+#include "plcAsynPlace.h"
+
+#define NUMBERS (plcInteger | plcReal)
+#define BYTES (plcInteger | plcString | plcBcd)
+#define ONE_VALUE (plcHasL | plcHasH | plcHasB | plcHasR)
+
+static const char *const allowed = "allowed: [in|out] offset T=type L= H= B= R=";
+
+/* What each interface takes, and the size of its elements when it has many. */
+static const struct {
+    plcShape shape;
+    unsigned element;
+} faces[plcAsynFaces] = {
+    /* clang-format off */
+    [plcAsynInt32]         = {{"asynInt32",         plcInteger, 4, ONE_VALUE, "INT16"}, 0},
+    [plcAsynInt64]         = {{"asynInt64",         plcInteger, 8, ONE_VALUE, "INT16"}, 0},
+    [plcAsynUInt32Digital] = {{"asynUInt32Digital", plcInteger, 4, plcHasB | plcHasR, "INT16"}, 0},
+    [plcAsynFloat64]       = {{"asynFloat64",       NUMBERS,    8, ONE_VALUE, "INT16"}, 0},
+    [plcAsynOctet]         = {{"asynOctet",         plcString,  1, plcHasL | plcHasR, "STRING"}, 1},
+    [plcAsynInt8Array]     = {{"asynInt8Array",     BYTES,      1, plcHasR, "INT8"}, 1},
+    [plcAsynInt16Array]    = {{"asynInt16Array",    plcInteger, 2, plcHasR, "INT16"}, 2},
+    [plcAsynInt32Array]    = {{"asynInt32Array",    plcInteger, 4, plcHasR, "INT32"}, 4},
+    [plcAsynInt64Array]    = {{"asynInt64Array",    plcInteger, 8, plcHasR, "INT64"}, 8},
+    [plcAsynFloat32Array]  = {{"asynFloat32Array",  plcReal,    4, plcHasR, "REAL32"}, 4},
+    [plcAsynFloat64Array]  = {{"asynFloat64Array",  plcReal,    8, plcHasR, "REAL64"}, 8},
+    /* clang-format on */
+};
+
+static int fail(char *error, size_t size, const char *format, ...) EPICS_PRINTF_STYLE(3, 4);
+
+static int fail(char *error, size_t size, const char *format, ...)
+{
+    va_list args;
+
+    va_start(args, format);
+    epicsVsnprintf(error, size, format, args);
+    va_end(args);
+    return -1;
+}
+
+const char *plcAsynFaceName(plcAsynFace face)
+{
+    return faces[face].shape.recordType;
+}
+
+unsigned plcAsynElementSize(plcAsynFace face)
+{
+    return faces[face].element;
+}
+
+/* --- From the text to a place ---------------------------------------------------------- */
+
+/* Takes "in" or "out" from the front of the text. Returns 1 for out. */
+static int takeDirection(const char **text)
+{
+    static const char *const words[] = {"in", "out"};
+    int i, found = 0;
+
+    while (isspace((unsigned char)**text))
+        (*text)++;
+    for (i = 0; i < 2; i++) {
+        size_t length = strlen(words[i]);
+
+        if (epicsStrnCaseCmp(*text, words[i], length) == 0 &&
+            strchr("/ \t", (*text)[length])) {
+            *text += length;
+            found = i;
+            break;
+        }
+    }
+    while (isspace((unsigned char)**text))
+        (*text)++;
+    if (**text == '/')
+        (*text)++;
+    return found;
+}
+
+static size_t blockSize(const plcAsynPlace *place)
+{
+    return place->output ? plcStationOutSize(place->station)
+                         : plcStationInSize(place->station);
+}
+
+/* Refuses bytes that do not lie in the block, "in" or "out". */
+static int checkPlace(size_t offset, size_t length, size_t size, const char *block,
+                      char *error, size_t errorSize)
+{
+    if (size == 0)
+        return fail(error, errorSize, "the PLC has no %sput block; %sSize is 0", block,
+                    block);
+    if (offset > size || length > size - offset)
+        return fail(error, errorSize, "%lu + %lu bytes exceed the %sput block; %sSize is "
+                    "%lu", (unsigned long)offset, (unsigned long)length, block, block,
+                    (unsigned long)size);
+    return 0;
+}
+
+/* What is wrong for every interface. */
+static int checkLink(const plcAsynPlace *place, char *error, size_t size)
+{
+    const plcLink *link = &place->link;
+    unsigned bytes = link->type ? link->type->size : 1;
+
+    if (!place->output && link->has & plcHasR)
+        return fail(error, size,
+                    "R= (read-back) is for outputs only; allowed: out offset T=type R=");
+    if (link->has & plcHasB && link->type && link->type->kind & ~plcInteger)
+        return fail(error, size, "B= is for whole numbers only, not %s", link->type->name);
+    if (link->has & plcHasB && link->type && link->bit >= 8 * bytes)
+        return fail(error, size, "B=%u: %s has bits 0 to %u", link->bit, link->type->name,
+                    8 * bytes - 1);
+    if (checkPlace(link->offset, bytes, blockSize(place), place->output ? "out" : "in",
+                   error, size))
+        return -1;
+    if (link->has & plcHasR &&
+        checkPlace(link->readback, bytes, plcStationInSize(place->station), "in", error,
+                   size))
+        return -1;
+    if (place->output && link->offset < plcStationHeader(place->station))
+        return fail(error, size,
+                    "bytes 0 to %u are the header of the sync handshake; allowed: %u and up",
+                    (unsigned)plcStationHeader(place->station) - 1,
+                    (unsigned)plcStationHeader(place->station));
+    return 0;
+}
+
+/* Parses the text as a link of this station. */
+static int parse(plcAsynPlace *place, const char *text, char *error, char *warning,
+                 size_t size)
+{
+    const char *name = plcStationName(place->station);
+    plcLinkError doubt;
+    char *whole;
+    int status;
+
+    place->output = takeDirection(&text);
+    if (!*text)
+        return fail(error, size, "no offset; %s", allowed);
+    whole = mallocMustSucceed(strlen(name) + strlen(text) + 2, "plcAsynPlace");
+    sprintf(whole, "%s/%s", name, text);
+    status = plcLinkParse(whole, &place->link, &doubt);
+    free(whole);
+    if (status)
+        return fail(error, size, "%s%s%s", doubt.text,
+                    strstr(doubt.text, "allowed:") ? "" : "; ",
+                    strstr(doubt.text, "allowed:") ? "" : allowed);
+    epicsSnprintf(warning, size, "%s", doubt.text);
+    return checkLink(place, error, size);
+}
+
+plcAsynPlace *plcAsynPlaceCreate(plcStation *station, const char *text, char *error,
+                                 char *warning, size_t size)
+{
+    plcAsynPlace *place = callocMustSucceed(1, sizeof(*place), "plcAsynPlace");
+
+    warning[0] = 0;
+    place->station = station;
+    if (parse(place, text, error, warning, size)) {
+        free(place);
+        return NULL;
+    }
+    place->text = epicsStrDup(text);
+    return place;
+}
+
+/* --- From a place to what one interface makes of it ------------------------------------ */
+
+/* L= of an array is the number of its elements; without it the array is open. */
+static int measureArray(plcAsynView *view, const plcLink *link, char *error, size_t size)
+{
+    unsigned element = view->type->size;
+    size_t room = blockSize(view->place);
+
+    room = link->offset < room ? room - link->offset : 0;
+    view->open = !(link->has & plcHasL);
+    if (view->open)
+        view->length = room - room % element;
+    else if (link->low < 1)
+        return fail(error, size, "L=%lld; allowed for %s: 1 element or more",
+                    (long long)link->low, plcAsynFaceName(view->face));
+    else if ((epicsUInt64)link->low > room / element)
+        view->length = room + 1; /* too long: checkPlace says so */
+    else
+        view->length = (size_t)link->low * element;
+    return 0;
+}
+
+/* Where the PLC shows this output: R=, or the station's mirror of the whole block. */
+static int placeReadback(plcAsynView *view, const plcLink *link, char *error, size_t size)
+{
+    long mirror = plcStationMirror(view->place->station);
+
+    view->hasReadback = (link->has & plcHasR) != 0;
+    view->readback = link->readback;
+    if (view->hasReadback && view->open)
+        return fail(error, size, "R= needs the length; allowed: L=%s",
+                    view->face == plcAsynOctet ? "characters" : "elements");
+    if (view->hasReadback && mirror >= 0 && link->readback != mirror + view->offset)
+        return fail(error, size, "the PLC's option readback=%ld shows this place at %ld; "
+                    "leave R= out", mirror, mirror + (long)view->offset);
+    if (view->hasReadback)
+        return checkPlace(view->readback, view->length,
+                          plcStationInSize(view->place->station), "in", error, size);
+    if (mirror >= 0 && !view->open) {
+        view->hasReadback = 1;
+        view->readback = mirror + view->offset;
+    }
+    return 0;
+}
+
+static int resolve(plcAsynView *view, char *error, size_t size)
+{
+    const plcAsynPlace *place = view->place;
+    const plcShape *shape = &faces[view->face].shape;
+    plcLink link = place->link;
+    plcLinkError wrong;
+
+    if (plcLinkComplete(&link, shape, blockSize(place), &wrong))
+        return fail(error, size, "%s", wrong.text);
+    if (link.has & plcHasB & ~shape->options)
+        return fail(error, size, "B= (one bit) does not fit %s", shape->recordType);
+    if (faces[view->face].element && link.type->size != faces[view->face].element)
+        return fail(error, size, "T=%s does not fit %s; allowed: types of %u bytes",
+                    link.type->name, shape->recordType, faces[view->face].element);
+    view->type = link.type;
+    view->offset = link.offset;
+    view->length = link.type->size;
+    view->low = link.low;
+    view->high = link.high;
+    view->clips = (place->link.has & (plcHasL | plcHasH)) != 0;
+    view->bit = place->link.has & plcHasB ? (int)link.bit : -1;
+    view->bigEndian = plcStationBigEndian(place->station);
+    if (faces[view->face].element && measureArray(view, &place->link, error, size))
+        return -1;
+    if (checkPlace(view->offset, view->length ? view->length : 1, blockSize(place),
+                   place->output ? "out" : "in", error, size))
+        return -1;
+    if (view->bit >= 0)
+        plcPutInt(view->type, view->mask, view->bigEndian, (epicsInt64)1 << view->bit);
+    return place->output ? placeReadback(view, &place->link, error, size) : 0;
+}
+
+/* Tells the station whose bytes these are, and where the PLC shows them. */
+static void enlist(plcAsynView *view, const char *port)
+{
+    plcStation *station = view->place->station;
+    plcUser *user = &view->user;
+
+    user->name = port;
+    user->recordType = plcAsynFaceName(view->face);
+    user->output = view->place->output;
+    user->offset = view->offset;
+    user->length = view->length;
+    user->type = view->type;
+    user->mask = view->bit >= 0 ? (epicsUInt64)1 << view->bit : 0;
+    user->hasReadback = view->hasReadback;
+    user->readback = view->readback;
+    plcUsersAdd(plcStationUsers(station), user);
+    if (view->hasReadback)
+        plcStationAddReadback(station, view, view->offset, view->readback, view->length,
+                              view->bit >= 0 ? view->mask : NULL);
+}
+
+plcAsynView *plcAsynPlaceView(plcAsynPlace *place, plcAsynFace face, const char *port)
+{
+    plcAsynView *view = place->views[face];
+    char error[640];
+
+    if (view)
+        return view;
+    view = callocMustSucceed(1, sizeof(*view), "plcAsynPlaceView");
+    view->place = place;
+    view->face = face;
+    if (resolve(view, error, sizeof(error)))
+        view->refused = epicsStrDup(error);
+    else
+        enlist(view, port);
+    place->views[face] = view;
+    return view;
+}
+
+/* --- Bytes and values ------------------------------------------------------------------ */
+
+epicsInt64 plcAsynGetInt(const plcAsynView *view, const void *bytes)
+{
+    epicsInt64 value = plcGetInt(view->type, bytes, view->bigEndian);
+
+    return view->bit < 0 ? value : (epicsInt64)((epicsUInt64)value >> view->bit & 1);
+}
+
+double plcAsynGetReal(const plcAsynView *view, const void *bytes)
+{
+    if (view->type->kind == plcReal)
+        return plcGetReal(view->type, bytes, view->bigEndian);
+    if (view->type->kind == plcUnsigned)
+        return (double)(epicsUInt64)plcAsynGetInt(view, bytes);
+    return (double)plcAsynGetInt(view, bytes);
+}
+
+size_t plcAsynGetText(const plcAsynView *view, const void *bytes, size_t length, char *text,
+                      size_t size)
+{
+    size_t max = length < size ? length : size;
+    const char *nul = memchr(bytes, 0, max);
+    size_t count = nul ? (size_t)(nul - (const char *)bytes) : max;
+
+    (void)view;
+    memcpy(text, bytes, count);
+    if (count < size)
+        text[count] = 0;
+    return count;
+}
+
+void plcAsynGetArray(const plcAsynView *view, const void *bytes, void *values, size_t n)
+{
+    if (view->type->kind == plcBcd)
+        plcBcdDecode(values, bytes, n);
+    else
+        plcCopyElements(values, bytes, view->type->size, n, view->bigEndian);
+}
+
+/* True when the low bytes of the value are the value, read with or without a sign. */
+static int fitsType(const plcType *type, epicsInt64 value)
+{
+    unsigned bits = 8 * type->size;
+
+    return bits == 64 || (value >= -((epicsInt64)1 << (bits - 1)) &&
+                          value < ((epicsInt64)1 << bits));
+}
+
+/* The least value that is written: L= may be below the type. */
+static epicsInt64 leastOf(const plcAsynView *view)
+{
+    epicsInt64 least = view->type->low - (view->type->kind == plcSigned);
+
+    return view->type->size < 8 && view->low < least ? least : view->low;
+}
+
+int plcAsynPutInt(const plcAsynView *view, epicsInt64 value, void *bytes, char *error,
+                  size_t size)
+{
+    if (view->bit >= 0) {
+        value = value ? (epicsInt64)1 << view->bit : 0;
+    } else if (view->clips) {
+        value = value > view->high ? view->high : value;
+        value = value < leastOf(view) ? leastOf(view) : value;
+    } else if (!fitsType(view->type, value)) {
+        return fail(error, size, "%lld does not fit %s", (long long)value,
+                    view->type->name);
+    }
+    plcPutInt(view->type, bytes, view->bigEndian, value);
+    return 0;
+}
+
+/* As an ao record of DTYP "S7plc": rounded, and cut to L and H. */
+int plcAsynPutReal(const plcAsynView *view, double value, void *bytes, char *error,
+                   size_t size)
+{
+    epicsInt64 least, whole;
+
+    if (view->type->kind == plcReal) {
+        plcPutReal(view->type, bytes, view->bigEndian, value);
+        return 0;
+    }
+    if (isnan(value))
+        return fail(error, size, "NaN does not fit %s", view->type->name);
+    if (view->bit >= 0)
+        return plcAsynPutInt(view, value != 0, bytes, error, size);
+    value = floor(value + 0.5);
+    least = leastOf(view);
+    if (value <= (double)least)
+        whole = least;
+    else if (value >= (double)view->high)
+        whole = view->high;
+    else
+        whole = (epicsInt64)value;
+    plcPutInt(view->type, bytes, view->bigEndian, whole);
+    return 0;
+}
+
+void plcAsynPutText(const plcAsynView *view, const char *text, size_t length, void *bytes)
+{
+    if (length > view->length)
+        length = view->length;
+    memcpy(bytes, text, length);
+    memset((char *)bytes + length, 0, view->length - length);
+}
+
+void plcAsynPutArray(const plcAsynView *view, const void *values, void *bytes, size_t n)
+{
+    if (view->type->kind == plcBcd)
+        plcBcdEncode(bytes, values, n);
+    else
+        plcCopyElements(bytes, values, view->type->size, n, view->bigEndian);
+}

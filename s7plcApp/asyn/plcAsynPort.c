@@ -1,0 +1,380 @@
+/* A port: its life, drvInfo, connect and disconnect, report; see plcAsynPort.h. */
+#include <ctype.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <alarm.h>
+#include <cantProceed.h>
+#include <epicsAtomic.h>
+#include <epicsExit.h>
+#include <epicsStdio.h>
+#include <epicsString.h>
+#include <epicsTime.h>
+#include <errlog.h>
+#include <initHooks.h>
+
+#include "plcAsynPort.h"
+
+static ELLLIST ports = ELLLIST_INIT; /* only grows; by the thread that runs st.cmd */
+static epicsMutexId waitLock;        /* guards waitUntil and waitLeft */
+static epicsUInt64 waitUntil;        /* until then iocInit may wait; ns, 0: not begun */
+static double waitAtMost;            /* ms */
+
+/* --- drvInfo ----------------------------------------------------------------------------- */
+
+/* One place for each text: the records of a place share it. */
+static plcAsynPlace *findPlace(plcAsynPort *port, const char *text)
+{
+    ELLNODE *node;
+
+    for (node = ellFirst(&port->places); node; node = ellNext(node))
+        if (strcmp(CONTAINER(node, plcAsynPlace, node)->text, text) == 0)
+            return CONTAINER(node, plcAsynPlace, node);
+    return NULL;
+}
+
+static asynStatus userCreate(void *pvt, asynUser *user, const char *text,
+                             const char **typeName, size_t *size)
+{
+    plcAsynPort *port = pvt;
+    char error[640], warning[640] = "";
+    plcAsynPlace *place;
+    int addr = 0;
+
+    (void)typeName, (void)size;
+    pasynManager->getAddr(user, &addr);
+    if (addr > 0)
+        return plcAsynFail(user, asynError, LINK_ALARM,
+                           "%s: address %d; a PLC is one device; allowed: 0", port->name,
+                           addr);
+    epicsMutexMustLock(port->lock);
+    place = findPlace(port, text);
+    if (!place) {
+        place = plcAsynPlaceCreate(port->station, text, error, warning, sizeof(error));
+        if (place)
+            ellAdd(&port->places, &place->node);
+    }
+    epicsMutexUnlock(port->lock);
+    if (!place) {
+        errlogSevPrintf(errlogMajor, "s7plcAsyn %s \"%s\": %s\n", port->name, text, error);
+        return plcAsynFail(user, asynError, LINK_ALARM, "%s \"%s\": %s", port->name, text,
+                           error);
+    }
+    if (warning[0])
+        errlogSevPrintf(errlogMinor, "s7plcAsyn %s \"%s\" warning: %s\n", port->name, text,
+                        warning);
+    user->drvUser = place;
+    /* A device that is not connected: the driver says why, and keeps what is written. */
+    user->reason = ASYN_REASON_QUEUE_EVEN_IF_NOT_CONNECTED;
+    return asynSuccess;
+}
+
+static asynStatus userGetType(void *pvt, asynUser *user, const char **typeName, size_t *size)
+{
+    plcAsynPlace *place = user->drvUser;
+
+    (void)pvt;
+    if (!place)
+        return plcAsynFail(user, asynError, LINK_ALARM, "no drvInfo");
+    if (typeName)
+        *typeName = place->text;
+    if (size)
+        *size = 0;
+    return asynSuccess;
+}
+
+/* Places stay: records that come later with the same text use them. */
+static asynStatus userDestroy(void *pvt, asynUser *user)
+{
+    (void)pvt;
+    user->drvUser = NULL;
+    return asynSuccess;
+}
+
+static asynDrvUser drvUserMethods = {userCreate, userGetType, userDestroy};
+
+plcAsynView *plcAsynViewOf(plcAsynPort *port, asynUser *user, plcAsynFace face)
+{
+    plcAsynPlace *place = user->drvUser;
+    plcAsynView *view;
+    int isNew;
+
+    if (!place) {
+        plcAsynFail(user, asynError, LINK_ALARM,
+                    "%s: no drvInfo; needed: [in|out] offset T=type", port->name);
+        return NULL;
+    }
+    epicsMutexMustLock(port->lock);
+    isNew = !place->views[face];
+    view = plcAsynPlaceView(place, face, port->name);
+    epicsMutexUnlock(port->lock);
+    if (!view->refused)
+        return view;
+    if (isNew)
+        errlogSevPrintf(errlogMajor, "s7plcAsyn %s \"%s\": %s\n", port->name, place->text,
+                        view->refused);
+    plcAsynFail(user, asynError, LINK_ALARM, "%s \"%s\": %s", port->name, place->text,
+                view->refused);
+    return NULL;
+}
+
+/* --- The first block --------------------------------------------------------------------- */
+
+void plcAsynWaitFirst(plcAsynPort *port, const plcAsynView *view)
+{
+    char reason[PLC_REASON_SIZE];
+    epicsUInt64 now, until;
+
+    if (epicsAtomicGetIntT(&port->running) || !view->hasReadback)
+        return;
+    for (;;) {
+        plcImageReason(plcStationInput(port->station), reason);
+        if (!reason[0])
+            return;
+        now = epicsMonotonicGet();
+        epicsMutexMustLock(waitLock);
+        if (!waitUntil)
+            waitUntil = now + (epicsUInt64)(waitAtMost * 1e6);
+        until = waitUntil;
+        epicsMutexUnlock(waitLock);
+        if (now >= until)
+            return;
+        epicsEventWaitWithTimeout(port->first, (until - now) * 1e-9);
+    }
+}
+
+/* --- asynCommon -------------------------------------------------------------------------- */
+
+/* True for the port itself, which is always connected; the PLC is device 0. */
+static int isPort(asynUser *user)
+{
+    int addr = -1;
+
+    return pasynManager->getAddr(user, &addr) == asynSuccess && addr < 0;
+}
+
+/* The station connects by itself; this only takes a disconnect back. */
+static asynStatus commonConnect(void *pvt, asynUser *user)
+{
+    plcAsynPort *port = pvt;
+    char reason[PLC_REASON_SIZE];
+
+    if (isPort(user)) {
+        pasynManager->exceptionConnect(user);
+        return asynSuccess;
+    }
+    epicsAtomicSetIntT(&port->off, 0);
+    epicsEventSignal(port->wake);
+    if (plcStationConnected(port->station, reason))
+        return asynSuccess;
+    return plcAsynFail(user, asynDisconnected, COMM_ALARM, "%s: %s; the driver tries on",
+                       port->name, reason);
+}
+
+/* Takes the port away from asyn; the PLC's connection stays, for all others. */
+static asynStatus commonDisconnect(void *pvt, asynUser *user)
+{
+    plcAsynPort *port = pvt;
+
+    if (isPort(user))
+        return plcAsynFail(user, asynError, COMM_ALARM,
+                           "%s: only the device at address 0 can be disconnected",
+                           port->name);
+    epicsAtomicSetIntT(&port->off, 1);
+    epicsEventSignal(port->wake);
+    return asynSuccess;
+}
+
+static void reportPlace(FILE *file, const plcAsynPlace *place)
+{
+    int i;
+
+    fprintf(file, "    \"%s\"%s", place->text, place->output ? "" : " (in)");
+    for (i = 0; i < plcAsynFaces; i++)
+        if (place->views[i])
+            fprintf(file, " %s%s", plcAsynFaceName((plcAsynFace)i),
+                    place->views[i]->refused ? " REFUSED" : "");
+    fprintf(file, ", %d called back\n", ellCount(&place->users));
+}
+
+static void commonReport(void *pvt, FILE *file, int details)
+{
+    plcAsynPort *port = pvt;
+    epicsUInt64 passes, callbacks, coalesced;
+    char reason[PLC_REASON_SIZE];
+    int places, users;
+    ELLNODE *node;
+
+    epicsMutexMustLock(port->arrived);
+    coalesced = port->coalesced;
+    epicsMutexUnlock(port->arrived);
+    epicsMutexMustLock(port->lock);
+    passes = port->passes;
+    callbacks = port->callbacks;
+    places = ellCount(&port->places);
+    users = ellCount(&port->users);
+    epicsMutexUnlock(port->lock);
+    plcStationConnected(port->station, reason);
+    fprintf(file, "    PLC %s: %s%s%s\n", plcStationName(port->station),
+            epicsAtomicGetIntT(&port->off) ? "disconnected by a user; " : "",
+            reason[0] ? "not connected: " : "connected", reason);
+    if (details < 1)
+        return;
+    fprintf(file, "    %d places, %d who are called back; %llu callbacks in %llu passes; "
+            "%llu blocks were replaced by a newer one; %u traces dropped\n",
+            places, users, (unsigned long long)callbacks, (unsigned long long)passes,
+            (unsigned long long)coalesced, plcAsynTraceDropped(port->trace));
+    plcStationReport(port->station, file, details - 1);
+    if (details < 2)
+        return;
+    /* The list only grows at its end: it may be walked without the lock. */
+    epicsMutexMustLock(port->lock);
+    for (node = ellFirst(&port->places); node; node = ellNext(node))
+        reportPlace(file, CONTAINER(node, plcAsynPlace, node));
+    epicsMutexUnlock(port->lock);
+}
+
+static asynCommon commonMethods = {commonReport, commonConnect, commonDisconnect};
+
+/* --- Life --------------------------------------------------------------------------------- */
+
+static void stopAll(void *arg)
+{
+    ELLNODE *node;
+
+    (void)arg;
+    for (node = ellFirst(&ports); node; node = ellNext(node)) {
+        plcAsynPort *port = CONTAINER(node, plcAsynPort, node);
+
+        epicsAtomicSetIntT(&port->stop, 1);
+        epicsEventSignal(port->wake);
+        epicsEventSignal(port->drained);
+    }
+    for (node = ellFirst(&ports); node; node = ellNext(node)) {
+        plcAsynPort *port = CONTAINER(node, plcAsynPort, node);
+
+        epicsEventMustWait(port->ended);
+        plcAsynTraceStop(port->trace);
+    }
+}
+
+static void hook(initHookState state)
+{
+    ELLNODE *node;
+
+    if (state == initHookAfterInitDatabase)
+        epicsAtExit(stopAll, NULL);
+    if (state != initHookAfterIocRunning)
+        return;
+    for (node = ellFirst(&ports); node; node = ellNext(node)) {
+        plcAsynPort *port = CONTAINER(node, plcAsynPort, node);
+
+        epicsAtomicSetIntT(&port->running, 1);
+        epicsEventSignal(port->wake);
+    }
+}
+
+/* Registers name and interfaces with asyn, and connects us to the port. */
+static int registerPort(plcAsynPort *port)
+{
+    char traceName[80];
+
+    if (pasynManager->registerPort(port->name, ASYN_MULTIDEVICE, 1, 0, 0) != asynSuccess)
+        return -1;
+    port->common.interfaceType = asynCommonType;
+    port->common.pinterface = &commonMethods;
+    port->common.drvPvt = port;
+    port->drvUser.interfaceType = asynDrvUserType;
+    port->drvUser.pinterface = &drvUserMethods;
+    port->drvUser.drvPvt = port;
+    if (pasynManager->registerInterface(port->name, &port->common) != asynSuccess ||
+        pasynManager->registerInterface(port->name, &port->drvUser) != asynSuccess ||
+        plcAsynIoRegister(port))
+        return -1;
+    port->user = pasynManager->createAsynUser(NULL, NULL);
+    if (pasynManager->connectDevice(port->user, port->name, 0) != asynSuccess)
+        return -1;
+    epicsSnprintf(traceName, sizeof(traceName), "%s trace", port->name);
+    port->trace = plcAsynTraceCreate(port->user, traceName);
+    return 0;
+}
+
+static void makeBuffers(plcAsynPort *port)
+{
+    size_t in = plcStationInSize(port->station), out = plcStationOutSize(port->station);
+
+    port->newest = callocMustSucceed(1, in + 1, "plcAsynPort");
+    port->block = callocMustSucceed(1, in + 1, "plcAsynPort");
+    port->before = callocMustSucceed(1, in + 1, "plcAsynPort");
+    port->scratch = callocMustSucceed(1, (in > out ? in : out) + 1, "plcAsynPort");
+    port->lock = epicsMutexMustCreate();
+    port->arrived = epicsMutexMustCreate();
+    port->wake = epicsEventMustCreate(epicsEventEmpty);
+    port->ended = epicsEventMustCreate(epicsEventEmpty);
+    port->first = epicsEventMustCreate(epicsEventEmpty);
+    port->released = epicsEventMustCreate(epicsEventEmpty);
+    port->drained = epicsEventMustCreate(epicsEventEmpty);
+}
+
+/* What is wrong with the arguments, in words; or NULL. */
+static const char *refuse(const char *name, plcStation *station)
+{
+    const char *c;
+    ELLNODE *node;
+
+    for (c = name; *c; c++)
+        if (isspace((unsigned char)*c) || strchr(",()", *c))
+            return "a port name has no blanks, commas or brackets";
+    if (!*name)
+        return "the name of the port is missing";
+    for (node = ellFirst(&ports); node; node = ellNext(node))
+        if (CONTAINER(node, plcAsynPort, node)->station == station)
+            return "this PLC has an asyn port already; a second one would show the same";
+    return NULL;
+}
+
+int plcAsynPortCreate(const char *name, const char *stationName, double initialWait)
+{
+    plcStation *station = plcStationFind(stationName);
+    char names[400];
+    plcAsynPort *port;
+    const char *error;
+
+    if (!station) {
+        plcStationNames(names, sizeof(names));
+        errlogSevPrintf(errlogMajor, "drvAsynS7plcConfigure %s: no PLC \"%s\"; configured: %s\n",
+                        name, stationName, names[0] ? names : "none (s7plcConfigure first)");
+        return -1;
+    }
+    error = refuse(name, station);
+    if (error) {
+        errlogSevPrintf(errlogMajor, "drvAsynS7plcConfigure %s %s: %s\n", name, stationName,
+                        error);
+        return -1;
+    }
+    port = callocMustSucceed(1, sizeof(*port), "plcAsynPortCreate");
+    port->name = epicsStrDup(name);
+    port->station = station;
+    makeBuffers(port);
+    if (plcStationListen(station, &plcAsynListener, port)) {
+        errlogSevPrintf(errlogMajor, "drvAsynS7plcConfigure %s %s: comes before iocInit\n",
+                        name, stationName);
+        return -1; /* what was made is little, and asyn cannot forget a port */
+    }
+    if (registerPort(port)) {
+        errlogSevPrintf(errlogMajor, "drvAsynS7plcConfigure %s %s: asyn does not take this "
+                        "port name; is it in use?\n", name, stationName);
+        return -1;
+    }
+    if (!waitLock) {
+        waitLock = epicsMutexMustCreate();
+        initHookRegister(hook);
+    }
+    if (initialWait > waitAtMost)
+        waitAtMost = initialWait;
+    ellAdd(&ports, &port->node);
+    port->thread = epicsThreadMustCreate(name, epicsThreadPriorityMedium,
+                                         epicsThreadGetStackSize(epicsThreadStackMedium),
+                                         plcAsynThread, port);
+    return 0;
+}

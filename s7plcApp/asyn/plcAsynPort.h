@@ -1,0 +1,147 @@
+/* A station as an asyn port: what the files of this library share.
+ *
+ * A port is a multi-device port of which address 0 is the PLC, and which does not block:
+ * reads and writes are copies out of and into the images. Multi-device, because asynManager
+ * answers for a port that is not connected without asking its driver; for a device it asks,
+ * so that a value written while the PLC is away is kept, or refused with the reason.
+ *
+ * Threads: records read and write in their own threads. The station's thread only leaves
+ * word (plcListener). One thread per port calls back those who registered, and announces
+ * connections; another prints traces.
+ *
+ * Locks: `lock` guards places, views and those who are called back; never held while one is
+ * called, nor in a system call. Order: record lock, asyn's locks, `lock`, then those of the
+ * station. `arrived` guards what the station's thread leaves; it is taken alone.
+ */
+#ifndef INC_plcAsynPort_H
+#define INC_plcAsynPort_H
+
+#include <asynDriver.h>
+#include <asynDrvUser.h>
+#include <callback.h>
+#include <dbDefs.h>
+#include <ellLib.h>
+#include <epicsEvent.h>
+#include <epicsMutex.h>
+#include <epicsThread.h>
+
+#include "plcAsynPlace.h"
+#include "plcAsynTrace.h"
+
+/* asynInt64 came with asyn R4-37. */
+#if ASYN_VERSION > 4 || ASYN_REVISION >= 37
+#define HAVE_ASYN_INT64
+#endif
+
+typedef struct plcAsynPort {
+    ELLNODE node;
+    char *name;
+    plcStation *station;
+    asynUser *user; /* device 0: exceptions and traces */
+    plcAsynTrace *trace;
+    asynInterface common, drvUser, faces[plcAsynFaces];
+
+    epicsMutexId lock; /* guards from here ... */
+    ELLLIST places;
+    ELLLIST users; /* plcAsynUser.node */
+    struct plcAsynUser *next;   /* the one that the pass looks at next */
+    struct plcAsynUser *called; /* the one that is called back now */
+    epicsUInt64 passes, callbacks; /* ... to here */
+
+    epicsMutexId arrived; /* guards from here ... */
+    char *newest;         /* the last block, when fresh */
+    epicsTimeStamp newestStamp;
+    int fresh;   /* there is a block that nobody was told */
+    int lost;    /* data was lost since the last pass, before that block */
+    int dropped; /* the connection was lost since the last pass */
+    epicsUInt64 coalesced; /* blocks that a newer one replaced ... to here */
+
+    /* owned by the port's thread */
+    char *block, *before; /* the block that is told, and the one told before */
+    epicsTimeStamp stamp;
+    int good;      /* block is valid */
+    int announced; /* asyn knows that we are connected */
+    char *scratch; /* as large as the larger block */
+    asynStatus badStatus; /* while !good: what is told */
+
+    epicsThreadId thread;
+    epicsEventId wake, ended;
+    epicsEventId first;    /* a block came */
+    epicsEventId released; /* a callback returned for which someone waits */
+    epicsEventId drained;  /* marks have passed the callback queues */
+    epicsCallback marks[NUM_CALLBACK_PRIORITIES];
+    int marksLeft; /* atomic */
+    int running;   /* atomic: iocInit is over */
+    int stop;      /* atomic */
+    int off;       /* atomic: disconnected by a user */
+} plcAsynPort;
+
+/* Any function: an asyn callback, before its type is known. */
+typedef void (*plcAsynCallback)(void);
+
+/* Somebody who registered for callbacks of one interface. */
+typedef struct plcAsynUser {
+    ELLNODE node;    /* in port->users */
+    ELLNODE atPlace; /* in view->place->users */
+    plcAsynPort *port;
+    plcAsynView *view;
+    asynUser *user; /* that of the registration: who writes with it shows what it wrote */
+    asynUser *own;  /* a copy, for the callbacks */
+    plcAsynCallback callback;
+    void *userPvt;
+    int told;    /* it has a value that is valid */
+    int gone;    /* cancelled while it was called back */
+    int refused; /* its last write was refused: it gets the PLC's value, with the alarm */
+    int away;    /* its last write waits for the PLC: its alarm has to end */
+    int writing; /* a write of its own is under way */
+    epicsUInt64 patience;  /* until then the PLC may still show an older value; ns */
+    epicsUInt8 *mask;      /* of outputs of single bits, else NULL */
+    epicsUInt8 maskBytes[PLC_ASYN_SCALAR];
+    epicsUInt8 *value; /* of outputs: the bytes that it shows, when told */
+    epicsUInt8 *shown; /* of outputs with a read-back: what the PLC showed last */
+} plcAsynUser;
+
+/* Makes the port. Returns 0, or -1 after an error line. initialWait: how long iocInit may
+ * wait for the first blocks of PLCs, ms; see plcAsynWaitFirst. */
+int plcAsynPortCreate(const char *name, const char *station, double initialWait);
+
+/* The view of the place that the asynUser has from its drvInfo. NULL with the message in
+ * errorMessage when there is none, or the interface does not fit. */
+plcAsynView *plcAsynViewOf(plcAsynPort *port, asynUser *user, plcAsynFace face);
+
+/* During iocInit: waits for the first block of the PLC, for an output with a read-back that
+ * wants its initial value. All waits of all ports together last initialWait at most. */
+void plcAsynWaitFirst(plcAsynPort *port, const plcAsynView *view);
+
+/* --- plcAsynIo.c: reads and writes, in the caller's thread ------------------------------ */
+
+/* Registers the interfaces with asyn. Returns 0 or -1. */
+int plcAsynIoRegister(plcAsynPort *port);
+
+/* Calls the user back with the value of these bytes. */
+void plcAsynCall(plcAsynUser *user, const void *bytes);
+
+/* Sets status, alarm and reason of an asynUser. Returns the status. */
+asynStatus plcAsynFail(asynUser *user, asynStatus status, int alarm, const char *format, ...)
+    EPICS_PRINTF_STYLE(4, 5);
+
+/* --- plcAsynPass.c: callbacks ------------------------------------------------------------ */
+
+extern const plcListener plcAsynListener;
+
+/* The thread of the port. */
+void plcAsynThread(void *port);
+
+asynStatus plcAsynJoin(plcAsynPort *port, asynUser *user, plcAsynFace face,
+                       epicsUInt32 mask, plcAsynCallback callback, void *userPvt,
+                       void **registrar);
+asynStatus plcAsynLeave(plcAsynPort *port, asynUser *user, void *registrar);
+
+/* Around a write: before it, and after it with what was written (the bits in mask, NULL:
+ * all) and how it went: 0 good, 1 kept for a PLC that is away, -1 refused. */
+void plcAsynWriteBegins(plcAsynPort *port, plcAsynView *view, asynUser *user);
+void plcAsynWriteEnds(plcAsynPort *port, plcAsynView *view, asynUser *user,
+                      const epicsUInt8 *bytes, const epicsUInt8 *mask, size_t length,
+                      int outcome);
+
+#endif /* INC_plcAsynPort_H */
