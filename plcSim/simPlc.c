@@ -304,6 +304,7 @@ int simPlcStart(simPlc *plc, const char *address, unsigned port)
     if (simServerOpen(&plc->server, plc->loop, plc->name, address, port, plc->config->in,
                       plc->config->out, &serverEvents, plc))
         return -1;
+    plc->modbus.listener.receiveBuffer = plc->config->receiveBuffer;
     if (plc->modbus.enabled && simModbusOpen(&plc->modbus, plc->loop, plc->name, address,
                                              (unsigned)plc->config->modbusPort))
         return -1;

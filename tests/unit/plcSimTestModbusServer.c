@@ -1,0 +1,488 @@
+/* plcSimTestModbusServer: the simulator's Modbus server over loopback: several clients,
+ * half requests, garbage, a client that does not read, and each fault as the client sees
+ * it.
+ *
+ * Server and clients share one thread: the loop runs for as long as a client waits.
+ *
+ * SPDX-License-Identifier: BSD-3-Clause
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <epicsUnitTest.h>
+#include <testMain.h>
+
+#include "simConfig.h"
+#include "simLog.h"
+#include "simLoop.h"
+#include "simModbus.h"
+#include "simPlc.h"
+
+#define PATIENCE_S 30.0 /* reached only when a test fails */
+#define ENDED (-1)      /* the connection has ended ... */
+#define WAS_RESET (-2)  /* ... with RST */
+
+static simLoop loop;
+static simConfig config;
+static simPlc plc;
+
+static void setUp(const char *more)
+{
+    simText out = {NULL, 0, 0};
+    char text[500];
+
+    snprintf(text, sizeof(text),
+             "in = 8\nport = 0\nmodbus_port = 0\ndb 10 300\nperiod = 5 ms\n"
+             "modbus holding 0 150 -> DB10.0\ninit DB10.DBW0 0x0102\n"
+             "tx DB10.DBD0 -> 0\n%s",
+             more);
+    simLoopInit(&loop);
+    simConfigInit(&config);
+    if (simConfigReadText(&config, "t.plc", text, &out) ||
+        simPlcBuild(&plc, &loop, &config, "PLC", &out) ||
+        simPlcStart(&plc, "127.0.0.1", 0))
+        testAbort("%s", out.text ? out.text : "cannot listen");
+    simTextFree(&out);
+}
+
+static void tearDown(void)
+{
+    simPlcStop(&plc);
+    simPlcFree(&plc);
+    simConfigFree(&config);
+    simLoopFree(&loop);
+}
+
+/* The loop runs a little. */
+static void turn(void)
+{
+    simLoopRun(&loop, simNow() + 0.002);
+}
+
+#define UNTIL(condition)                                                                 \
+    do {                                                                                 \
+        double end_ = simNow() + PATIENCE_S;                                             \
+        while (!(condition) && simNow() < end_)                                          \
+            turn();                                                                      \
+    } while (0)
+
+/* ---- a client ---- */
+
+static int dial(const struct sockaddr_in *address)
+{
+    int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    int size = 4096; /* little is on its way that is not taken */
+
+    setsockopt(fd, SOL_SOCKET, SO_SNDBUF, &size, sizeof(size));
+    if (connect(fd, (const struct sockaddr *)address, sizeof(*address)))
+        testAbort("connect: %s", strerror(errno));
+    fcntl(fd, F_SETFL, O_NONBLOCK);
+    return fd;
+}
+
+static int openClient(void)
+{
+    epicsUInt64 before = plc.modbus.counts.connections + plc.modbus.counts.sentAway;
+    int fd = dial(&plc.modbus.listener.address);
+
+    UNTIL(plc.modbus.counts.connections + plc.modbus.counts.sentAway > before);
+    return fd;
+}
+
+static void say(int fd, const char *hex)
+{
+    epicsUInt8 bytes[600];
+    size_t count = 0;
+    unsigned value;
+    int used;
+
+    for (; sscanf(hex, " %2x%n", &value, &used) == 1; hex += used)
+        bytes[count++] = (epicsUInt8)value;
+    if (send(fd, bytes, count, MSG_NOSIGNAL) != (ssize_t)count)
+        testDiag("send: %s", strerror(errno));
+}
+
+/* Waits for `count` bytes. Returns how many came, or ENDED, WAS_RESET when none did. */
+static long hear(int fd, epicsUInt8 *bytes, size_t count)
+{
+    double end = simNow() + PATIENCE_S;
+    size_t got = 0;
+    ssize_t n;
+
+    while (got < count && simNow() < end) {
+        n = recv(fd, bytes + got, count - got, MSG_DONTWAIT);
+        if (n > 0)
+            got += (size_t)n;
+        else if (n == 0 || (errno != EAGAIN && errno != EWOULDBLOCK))
+            return got ? (long)got : n == 0 ? ENDED : WAS_RESET;
+        else
+            turn();
+    }
+    return (long)got;
+}
+
+/* True when exactly these bytes come. */
+static int hears(int fd, const char *hex)
+{
+    epicsUInt8 bytes[600];
+    simText text = {NULL, 0, 0};
+    long want = (long)(strlen(hex) + 1) / 3;
+    long n = hear(fd, bytes, (size_t)want);
+    int same;
+
+    simTextHex(&text, bytes, n > 0 ? (size_t)n : 0);
+    same = n == want && !strcmp(text.text, hex);
+    if (!same)
+        testDiag("%ld bytes: %s", n, text.text);
+    simTextFree(&text);
+    return same;
+}
+
+/* What a client sees as the end of its connection. */
+static long hearsEnd(int fd)
+{
+    epicsUInt8 byte;
+
+    return hear(fd, &byte, 1);
+}
+
+/* Reads register 0. */
+#define ASK "00 09 00 00 00 06 01 03 00 00 00 01"
+#define TOLD "00 09 00 00 00 05 01 03 02 01 02"
+
+static int works(int fd)
+{
+    say(fd, ASK);
+    return hears(fd, TOLD);
+}
+
+static int freshWorks(void)
+{
+    int fd = openClient();
+    int good = works(fd);
+
+    close(fd);
+    return good;
+}
+
+static void fault(const char *line)
+{
+    char text[100], error[SIM_ERROR_SIZE];
+    char *words[20];
+    int count;
+
+    strcpy(text, line);
+    count = simSplit(text, words, 20, error);
+    if (simModbusFaultParse(&plc.modbus.faults, words, (size_t)count, error))
+        testAbort("%s: %s", line, error);
+}
+
+/* ---- tests ---- */
+
+static void testPieces(void)
+{
+    int fd = openClient();
+    int i;
+
+    for (i = 0; i < 12; i++) {
+        char byte[3] = {ASK[3 * i], ASK[3 * i + 1], 0};
+
+        say(fd, byte);
+        turn();
+    }
+    testOk(hears(fd, TOLD), "a request in 12 pieces is answered");
+    say(fd, ASK " " ASK " 00 09");
+    testOk(hears(fd, TOLD " " TOLD), "two requests at once are answered both");
+    say(fd, "00 00 00 06 01 03 00 00 00 01");
+    testOk(hears(fd, TOLD), "and the third, whose rest comes later");
+    say(fd, "00 01 00 00 00 0b 01 10 00 00 00 02 04 11 12 13 14");
+    testOk(hears(fd, "00 01 00 00 00 06 01 10 00 00 00 02"), "a write is answered");
+    UNTIL(!memcmp(plc.tx->bytes, "\x11\x12\x13\x14", 4));
+    testOk(!memcmp(plc.tx->bytes, "\x11\x12\x13\x14", 4), "and PACK_TX_DB sees it");
+    memcpy(plc.memory.blocks[4]->bytes, "\x01\x02", 2);
+    testOk(works(fd), "what the HMI sets is read");
+    close(fd);
+    UNTIL(plc.modbus.clientCount == 0);
+    testOk(plc.modbus.clientCount == 0, "a client that has gone is forgotten");
+}
+
+static void testEnds(void)
+{
+    int fd = openClient();
+
+    say(fd, "47 45 54 20 2f 20 48 54 54 50");
+    testOk(hearsEnd(fd) == ENDED, "garbage ends the connection");
+    testOk(plc.modbus.counts.garbage == 1, "and is counted");
+    close(fd);
+
+    fd = openClient();
+    say(fd, "00 09 00 00 00 06 01 03");
+    UNTIL(plc.modbus.clientCount == 1);
+    close(fd);
+    UNTIL(plc.modbus.clientCount == 0);
+    testOk(plc.modbus.clientCount == 0, "half a request is forgotten with its client");
+
+    fd = openClient();
+    say(fd, ASK);
+    shutdown(fd, SHUT_WR);
+    testOk(hears(fd, TOLD) && hearsEnd(fd) == ENDED,
+           "a client that has closed its half gets its answer, then the end");
+    close(fd);
+
+    fd = openClient();
+    say(fd, "00 09 00 00 00 06 02 03 00 00 00 01 " ASK);
+    testOk(hears(fd, TOLD), "another unit gets no answer");
+    testOk(plc.modbus.counts.otherUnit == 1, "and is counted");
+    plc.modbus.gateway = 1;
+    say(fd, "00 09 00 00 00 06 02 03 00 00 00 01");
+    testOk(hears(fd, "00 09 00 00 00 03 02 83 0b"), "or exception 11");
+    plc.modbus.unit = -1;
+    say(fd, "00 09 00 00 00 06 ff 03 00 00 00 01");
+    testOk(hears(fd, "00 09 00 00 00 05 ff 03 02 01 02"),
+           "modbus_unit = any answers all");
+    plc.modbus.unit = 1;
+    plc.modbus.gateway = 0;
+    close(fd);
+}
+
+static void testMany(void)
+{
+    int fds[SIM_MODBUS_CLIENTS];
+    int good = 0;
+    int extra, i;
+
+    for (i = 0; i < SIM_MODBUS_CLIENTS; i++) {
+        fds[i] = openClient();
+        say(fds[i], ASK);
+    }
+    for (i = SIM_MODBUS_CLIENTS; i-- > 0;)
+        good += hears(fds[i], TOLD);
+    testOk(good == SIM_MODBUS_CLIENTS, "%d clients are served at a time", good);
+    extra = openClient();
+    testOk(hearsEnd(extra) == ENDED, "one more is sent away");
+    close(extra);
+    close(fds[3]);
+    UNTIL(plc.modbus.clientCount == SIM_MODBUS_CLIENTS - 1);
+    fds[3] = openClient();
+    testOk(works(fds[3]), "when one has gone, another is served");
+    for (i = 0; i < SIM_MODBUS_CLIENTS; i++)
+        close(fds[i]);
+    UNTIL(plc.modbus.clientCount == 0);
+}
+
+/* Sends requests until the server takes no more. Returns how many left. */
+static long stuff(int fd)
+{
+    /* reads 125 registers: an answer of 259 bytes */
+    static const epicsUInt8 ask[12] = {0, 9, 0, 0, 0, 6, 1, 3, 0, 0, 0, 125};
+    unsigned long before;
+    long bytes = 0;
+    int quiet = 0;
+    ssize_t n;
+
+    while (quiet < 50) {
+        before = (unsigned long)plc.modbus.counts.requests;
+        while ((n = send(fd, ask + bytes % 12, 12 - (size_t)(bytes % 12), MSG_NOSIGNAL)) >
+               0)
+            bytes += n;
+        turn();
+        quiet = before == plc.modbus.counts.requests ? quiet + 1 : 0;
+    }
+    return bytes / 12;
+}
+
+static void testDeaf(void)
+{
+    int deaf = openClient(), other = openClient();
+    epicsUInt8 answer[259];
+    epicsUInt64 blocks;
+    long asked, heard = 0;
+
+    asked = stuff(deaf);
+    testOk((long)plc.modbus.counts.requests < asked,
+           "of %ld requests whose answers are not read, only %lu are taken", asked,
+           (unsigned long)plc.modbus.counts.requests);
+    testOk(works(other), "another client is served all the same");
+    blocks = plc.block;
+    UNTIL(plc.block > blocks + 3);
+    testOk(plc.block > blocks + 3, "and blocks go on");
+    while (heard < asked && hear(deaf, answer, 259) == 259 && answer[7] == 3)
+        heard++;
+    testOk(heard == asked, "when it reads, it gets all its answers (%ld)", heard);
+    testOk(works(deaf), "and is served again");
+    close(deaf);
+    close(other);
+    UNTIL(plc.modbus.clientCount == 0);
+}
+
+static void testFaults(void)
+{
+    epicsUInt8 bytes[300];
+    char line[40], wanted[40];
+    double start;
+    int fd = openClient();
+    int code;
+
+    for (code = 1; code <= 11; code++) {
+        snprintf(line, sizeof(line), "exception %d next 1", code);
+        snprintf(wanted, sizeof(wanted), "00 09 00 00 00 03 01 83 %02x", (unsigned)code);
+        fault(line);
+        say(fd, ASK);
+        testOk(hears(fd, wanted), "exception %d", code);
+    }
+    testOk(works(fd), "next 1: then it works again");
+    fault("exception 2 holding 1 write");
+    say(fd, "00 01 00 00 00 0b 01 10 00 00 00 02 04 21 22 23 24");
+    testOk(hears(fd, "00 01 00 00 00 03 01 90 02"), "a write that is refused");
+    testOk(works(fd), "has written nothing");
+    fault("exception off");
+
+    fault("slow 60 next 1");
+    start = simNow();
+    say(fd, ASK " " ASK);
+    testOk(hears(fd, TOLD " " TOLD) && simNow() - start >= 0.06,
+           "slow: not before its time, and the next one waits behind it");
+    fault("wrongid next 1");
+    say(fd, ASK);
+    testOk(hears(fd, "00 08 00 00 00 05 01 03 02 01 02"), "another transaction id");
+    fault("wrongunit next 1");
+    say(fd, ASK);
+    testOk(hears(fd, "00 09 00 00 00 05 00 03 02 01 02"), "another unit");
+    fault("silent next 2");
+    say(fd, "00 01 00 00 00 06 01 06 00 00 77 77 " ASK " " ASK);
+    testOk(hears(fd, TOLD), "silent: two get no answer, and are not done");
+    testOk(plc.modbus.counts.silent == 2, "which is counted");
+    fault("garbage 20 next 1");
+    say(fd, ASK);
+    testOk(hear(fd, bytes, 20) == 20 && works(fd), "20 bytes of garbage");
+
+    fault("short 9 next 1");
+    say(fd, ASK " " ASK);
+    testOk(hears(fd, "00 09 00 00 00 05 01 03 02"), "short: 9 bytes");
+    UNTIL(plc.modbus.counts.silent == 3);
+    testOk(plc.modbus.counts.silent == 3 && recv(fd, bytes, 1, MSG_DONTWAIT) < 0,
+           "then nothing more on this connection");
+    testOk(freshWorks(), "a new one works");
+    close(fd);
+
+    fd = openClient();
+    fault("short 3 close next 1");
+    say(fd, ASK " " ASK);
+    testOk(hear(fd, bytes, 99) == 3 && hearsEnd(fd) == ENDED, "3 bytes, then the end");
+    close(fd);
+    fd = openClient();
+    fault("short 0 close next 1");
+    say(fd, ASK);
+    testOk(hearsEnd(fd) == ENDED, "the end instead of an answer");
+    close(fd);
+    fd = openClient();
+    fault("close reply next 1");
+    say(fd, "00 01 00 00 00 06 01 06 00 00 01 02");
+    testOk(hear(fd, bytes, 99) == 6 && hearsEnd(fd) == ENDED,
+           "half an answer, then the end");
+    close(fd);
+    testOk(freshWorks() && plc.modbus.faults.count == 0, "all faults are used up");
+}
+
+static void testPower(void)
+{
+    int fd = openClient();
+    int late, n;
+
+    works(fd);
+    simModbusDrop(&plc.modbus, 0, "test");
+    testOk(hearsEnd(fd) == ENDED, "close");
+    close(fd);
+    fd = openClient();
+    works(fd);
+    simModbusDrop(&plc.modbus, 1, "test");
+    testOk(hearsEnd(fd) == WAS_RESET, "reset");
+    close(fd);
+
+    fd = openClient();
+    works(fd);
+    simModbusUnplug(&plc.modbus, 1);
+    say(fd, ASK);
+    late = socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+    n = connect(late, (struct sockaddr *)&plc.modbus.listener.address,
+                sizeof(plc.modbus.listener.address));
+    testOk(n < 0 && errno == EINPROGRESS, "unplugged: a new connection gets no answer");
+    close(late);
+    for (n = 0; n < 10; n++)
+        turn();
+    testOk(recv(fd, &n, 1, MSG_DONTWAIT) < 0 && errno == EAGAIN, "nor does a request");
+    simModbusUnplug(&plc.modbus, 0);
+    testOk(hears(fd, TOLD), "plugged: it does");
+    testOk(freshWorks(), "and new connections come through");
+
+    simPlcRestart(&plc, 0.01, 0);
+    testOk(hearsEnd(fd) == WAS_RESET, "a restart resets the connection");
+    UNTIL(!plc.off);
+    testOk(freshWorks(), "and then the PLC is there again, at its port");
+    close(fd);
+    simModbusRefuse(&plc.modbus, 1);
+    late = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    n = connect(late, (struct sockaddr *)&plc.modbus.listener.address,
+                sizeof(plc.modbus.listener.address));
+    testOk(n < 0 && errno == ECONNREFUSED, "refuse");
+    close(late);
+    simModbusRefuse(&plc.modbus, 0);
+    testOk(freshWorks(), "refuse off");
+}
+
+static void testStatus(void)
+{
+    simText out = {NULL, 0, 0};
+    int fd = openClient();
+
+    simModbusClearCounts(&plc.modbus);
+    works(fd);
+    say(fd, "00 01 00 00 00 06 01 03 00 00 00 7e 00 02 00 00 00 0b 01 10 00 00 00 02 04 "
+            "01 02 "
+            "03 04");
+    hears(fd, "00 01 00 00 00 03 01 83 03 00 02 00 00 00 06 01 10 00 00 00 02");
+    simModbusStatus(&plc.modbus, &out);
+    testOk(strstr(out.text, "modbus areas: holding=0..149@DB10.0\n") != NULL, "areas");
+    testOk(strstr(out.text, "modbus requests: total=3 answered=3 silent=0 other_unit=0 "
+                            "garbage=0 fc3=2 fc16=1\n") != NULL,
+           "requests");
+    testOk(strstr(out.text, "ex2=0 ex3=1 ex4=0") && strstr(out.text, "ex11=0 fc3=1\n"),
+           "exceptions");
+    testOk(strstr(out.text, "modbus largest: read_registers=126 read_bits=0 "
+                            "write_registers=2 write_bits=0\n") != NULL,
+           "the largest requests");
+    testOk(strstr(out.text, "modbus faults: none\n") != NULL, "faults");
+    simTextFree(&out);
+    simModbusReceived(&plc.modbus, 2, &out);
+    testOk(strstr(out.text, "2 time=") == out.text &&
+               strstr(out.text,
+                      "fc=3 read=holding,0,126 answer=exception3 pdu=03 00 00 00 7e\n"),
+           "a request that was refused");
+    testOk(strstr(out.text,
+                  "fc=16 write=holding,0,2 answer=ok pdu=10 00 00 00 02 04 01 02 03 "
+                  "04\n") != NULL,
+           "and one that was served");
+    simTextFree(&out);
+    close(fd);
+}
+
+MAIN(plcSimTestModbusServer)
+{
+    testPlan(67);
+    simLogQuiet(2);
+    setUp("rcvbuf = 4096\n");
+    testPieces();
+    testEnds();
+    testMany();
+    testDeaf();
+    testFaults();
+    testPower();
+    testStatus();
+    tearDown();
+    return testDone();
+}
