@@ -29,10 +29,11 @@ static void initOnce(void *arg)
     lock = epicsMutexMustCreate();
 }
 
-static void join(devRecord *dev)
+static void join(dbCommon *prec, devRecord *dev)
 {
     epicsThreadOnce(&once, initOnce, NULL);
     epicsMutexMustLock(lock);
+    dev->prec = prec;
     if (!dev->waits)
         ellAdd(&waiting, &dev->awayNode);
     dev->waits = 1;
@@ -61,8 +62,7 @@ long devAway(dbCommon *prec, devRecord *dev, const char *reason)
 {
     epicsEnum16 status = prec->nsta, severity = prec->nsev;
 
-    dev->prec = prec;
-    join(dev);
+    join(prec, dev);
     if (!isAway(dev))
         return 0;
     if (recGblSetSevrMsg(prec, COMM_ALARM, INVALID_ALARM, "%s", reason)) {
