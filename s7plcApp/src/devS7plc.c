@@ -153,17 +153,6 @@ static int placeReadback(devRecord *dev, const plcLink *link, plcLinkError *erro
     return 0;
 }
 
-/* The order of the record's bytes: the station's, unless W= says more. */
-static int orderOf(const plcStation *station, const plcLink *link)
-{
-    int bigEndian = plcStationBigEndian(station);
-
-    if (link->type->size < 4)
-        return bigEndian;
-    return link->has & plcHasW ? plcOrder(bigEndian, link->highWordFirst)
-                               : plcStationOrder(station);
-}
-
 /* Fills dev from the completed link. */
 static int place(dbCommon *prec, devRecord *dev, const plcLink *link, size_t room,
                  plcLinkError *error)
@@ -173,7 +162,7 @@ static int place(dbCommon *prec, devRecord *dev, const plcLink *link, size_t roo
 
     dev->image = out ? plcStationOutput(dev->station) : plcStationInput(dev->station);
     dev->type = link->type;
-    dev->order = orderOf(dev->station, link);
+    dev->order = plcLinkOrder(link, plcStationOrder(dev->station));
     dev->offset = link->offset;
     dev->length =
         link->type->kind == plcString ? stringLength(prec, link, room) : link->type->size;

@@ -551,3 +551,12 @@ int plcLinkComplete(plcLink *link, const plcShape *shape, size_t length,
     completeWords(link, shape, error);
     return 0;
 }
+
+int plcLinkOrder(const plcLink *link, int order)
+{
+    int bigEndian = order & plcBigEndian;
+
+    if (link->type->size < 4)
+        return bigEndian;
+    return link->has & plcHasW ? plcOrder(bigEndian, link->highWordFirst) : order;
+}

@@ -73,4 +73,8 @@ typedef struct plcShape {
 int plcLinkComplete(plcLink *link, const plcShape *shape, size_t length,
                     plcLinkError *error);
 
+/* The order of the bytes (plcCodec.h) at a completed link, where `order` is that of the
+ * station: W= wins; types of 1 and 2 bytes have no order of words. */
+int plcLinkOrder(const plcLink *link, int order);
+
 #endif /* INC_plcLink_H */

@@ -525,6 +525,38 @@ static void testCompletions(void)
     }
 }
 
+static const struct {
+    const char *options;
+    int orders[4]; /* for each order of the station */
+} orderRows[] = {
+    {"T=INT32",        {0, 1, 2, 3}},
+    {"T=INT32 W=high", {2, 1, 2, 1}},
+    {"T=INT32 W=low",  {0, 3, 0, 3}},
+    {"T=FLOAT W=low",  {0, 3, 0, 3}},
+    {"T=DOUBLE",       {0, 1, 2, 3}},
+    {"",               {0, 1, 0, 1}},
+    {"W=high",         {0, 1, 0, 1}},
+    {"T=BYTE W=low",   {0, 1, 0, 1}},
+};
+
+static void testOrders(void)
+{
+    size_t i;
+    int order;
+
+    for (i = 0; i < COUNT(orderRows); i++) {
+        plcLink link;
+        plcLinkError error;
+
+        complete(&ai, 0, orderRows[i].options, &link, &error);
+        for (order = 0;
+             order < 4 && plcLinkOrder(&link, order) == orderRows[i].orders[order];
+             order++)
+            ;
+        testOk(order == 4, "the order with \"%s\"", orderRows[i].options);
+    }
+}
+
 /* All after "@PLC/4 ": column 7 is the first character of the options. */
 static const struct {
     const plcShape *shape;
@@ -685,8 +717,9 @@ static void testNoise(void)
 
 MAIN(linkTest)
 {
-    testPlan(COUNT(places) + COUNT(optionRows) + COUNT(wordRows) + 5 + COUNT(doubts) + 3 + COUNT(refusals) +
-             2 + COUNT(completions) + COUNT(misfits) + 4);
+    testPlan(COUNT(places) + COUNT(optionRows) + COUNT(wordRows) + 5 + COUNT(doubts) + 3 +
+             COUNT(refusals) + 2 + COUNT(completions) + COUNT(misfits) +
+             COUNT(orderRows) + 4);
     testDiag("Place and type");
     testPlaces();
     testDiag("Options");
@@ -701,6 +734,7 @@ MAIN(linkTest)
     testDiag("What record types allow");
     testCompletions();
     testMisfits();
+    testOrders();
     testDiag("Noise");
     testNoise();
     return testDone();
