@@ -36,7 +36,7 @@ typedef struct simModbusRecord {
     unsigned client;
     int result; /* exception code, 0 = done, -1 = not answered */
     size_t size;
-    epicsUInt8 bytes[SIM_MODBUS_ADU];
+    epicsUInt8 bytes[SIM_MODBUS_FRAME];
 } simModbusRecord;
 
 typedef struct simModbusClient simModbusClient;

@@ -82,7 +82,7 @@ size_t simFrameSize(const epicsUInt8 *bytes, size_t size)
     if (size < 6)
         return size >= 4 && be16(bytes + 2) != 0 ? 0 : SIM_MBAP + 1;
     length = be16(bytes + 4);
-    if (be16(bytes + 2) != 0 || length < 2 || 6 + length > SIM_MODBUS_ADU)
+    if (be16(bytes + 2) != 0 || length < 2 || 6 + length > SIM_MODBUS_FRAME)
         return 0;
     return 6 + (size_t)length;
 }
@@ -190,7 +190,8 @@ int simRequestParse(simRequest *request, const epicsUInt8 *bytes, size_t size)
     f = findFunction(request->function);
     if (!f)
         return MODBUS_EXCEPTION_ILLEGAL_FUNCTION;
-    if (!readShape(f, bytes + SIM_MBAP, size - SIM_MBAP, request))
+    if (!readShape(f, bytes + SIM_MBAP, size - SIM_MBAP, request) ||
+        size > SIM_MODBUS_ADU)
         return MODBUS_EXCEPTION_ILLEGAL_DATA_VALUE;
     return 0;
 }

@@ -15,8 +15,9 @@
 
 #include "simModbusMap.h"
 
-#define SIM_MBAP 7         /* bytes in front of the function */
-#define SIM_MODBUS_ADU 260 /* bytes of the longest request or answer */
+#define SIM_MBAP 7           /* bytes in front of the function */
+#define SIM_MODBUS_ADU 260   /* bytes of the longest request or answer */
+#define SIM_MODBUS_FRAME 300 /* longer requests get exception 3 up to here */
 
 /* Addresses that a request reads or writes; count 0 = none. */
 typedef struct simSpan {

@@ -282,7 +282,7 @@ static void testLimits(void)
         {16, 123,  246, 0},
         {16, 124,  248, 3},
         {16, 1,    246, 3},
-        {15, 1960, 246, 3},
+        {15, 1960, 246, 3}, {16, 127, 254, 3},
     };
     epicsUInt8 bytes[2 * SIM_MODBUS_ADU], answer[SIM_MODBUS_ADU];
     size_t i;
@@ -310,22 +310,24 @@ static void testLimits(void)
 
 static void testFrames(void)
 {
+    /* clang-format off */
     static const struct {
         const char *what, *bytes;
         size_t size;
     } rows[] = {
-        {"nothing yet",        "",                                          8  },
-        {"half a header",      "00 01 00 00 00",                            8  },
-        {"a header",           "00 01 00 00 00 06",                         12 },
-        {"a request and more", "00 01 00 00 00 06 01 03 00 00 00 01 00 02", 12 },
-        {"the longest",        "00 01 00 00 00 fe",                         260},
-        {"longer",             "00 01 00 00 00 ff",                         0  },
-        {"much longer",        "00 01 00 00 01 06",                         0  },
-        {"a length of 1",      "00 01 00 00 00 01",                         0  },
-        {"a length of 0",      "00 01 00 00 00 00",                         0  },
-        {"another protocol",   "00 01 00 01",                               0  },
-        {"HTTP",               "47 45 54 20 2f 20",                         0  },
+        {"nothing yet", "", 8},
+        {"half a header", "00 01 00 00 00", 8},
+        {"a header", "00 01 00 00 00 06", 12},
+        {"a request and more", "00 01 00 00 00 06 01 03 00 00 00 01 00 02", 12},
+        {"the longest", "00 01 00 00 00 fe", 260},
+        {"longer, for exception 3", "00 01 00 00 01 26", 300},
+        {"still longer", "00 01 00 00 01 27", 0},
+        {"a length of 1", "00 01 00 00 00 01", 0},
+        {"a length of 0", "00 01 00 00 00 00", 0},
+        {"another protocol", "00 01 00 01", 0},
+        {"HTTP", "47 45 54 20 2f 20", 0},
     };
+    /* clang-format on */
     epicsUInt8 bytes[SIM_MODBUS_ADU];
     size_t i;
 
@@ -504,7 +506,7 @@ static void testFates(void)
 
 MAIN(plcSimTestModbus)
 {
-    testPlan(162);
+    testPlan(163);
     simLogQuiet(2);
     testBad();
     testExchanges();
