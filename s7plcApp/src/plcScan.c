@@ -211,6 +211,7 @@ plcScan *plcScanCreate(size_t blockSize, plcScanDone *done, void *pvt)
         callbackSetUser(own, &own->callback);
     }
     grow(scan);
+    scan->indexOld = 1; /* there is none yet */
     return scan;
 }
 

@@ -623,6 +623,12 @@ static void testEmpty(void)
     testOk(plcScanRequestChanged(scan, "", "") == 0 && !plcScanBusy(scan),
            "and never changes");
     plcScanDestroy(scan);
+    scan = plcScanCreate(4, NULL, NULL);
+    plcScanByRange(scan, 1);
+    plcScanRequestAll(scan);
+    testOk(plcScanRequestChanged(scan, "1234", "1235") == 0 && !plcScanBusy(scan),
+           "a block without records may change");
+    plcScanDestroy(scan);
     plcScanDestroy(NULL);
 }
 
@@ -705,7 +711,7 @@ static void stopIoc(void)
 
 MAIN(scanTest)
 {
-    testPlan(2 + 8 + 8 + 17 + 9 + 9 + 21 + 13 + 6 + 2 + 4 + 1);
+    testPlan(2 + 8 + 8 + 17 + 9 + 9 + 21 + 13 + 6 + 3 + 4 + 1);
     startIoc();
     testBeforeInit();
     eltc(0); /* no messages of full queues */
