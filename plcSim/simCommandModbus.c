@@ -49,12 +49,32 @@ static int modbusClear(simCall *c)
     return 0;
 }
 
+static int modbusHelp(simCall *c)
+{
+    simTextAdd(c->out,
+               "  received [n]       the last n requests\n"
+               "  clear              counts begin anew\n"
+               "  close, reset       all connections end now, with FIN or RST\n"
+               "  refuse [on|off]    new connections get RST\n"
+               "  normal             all faults end\n"
+               "  <fault> off        that fault ends\n"
+               "  <fault> [filter] [next n], where a fault is\n"
+               "    exception <code>       busy [n]       slow <ms>      silent\n"
+               "    short <bytes> [close]  close reply    wrongunit      wrongid\n"
+               "    garbage <bytes>\n"
+               "  and a filter says which requests it meets:\n"
+               "    read  write  function <n>  <table> [<first> [count]]\n"
+               "    with holding, input, coils, discrete for <table>\n");
+    return 0;
+}
+
 static const struct modbusCommand {
     const char *name;
     size_t max; /* words, with the name */
     simCommandFn fn;
     int logged;
 } commands[] = {
+    {"help",     1, modbusHelp,      0},
     {"received", 2, modbusReceived,  0},
     {"clear",    1, modbusClear,     0},
     {"refuse",   2, modbusRefuse,    1},
@@ -87,7 +107,7 @@ int simDoModbus(simCall *c)
         return simCallFail(c,
                            "\"%.40s\": allowed are exception, busy, slow, silent, "
                            "wrongunit, wrongid, short, close, garbage, reset, refuse, "
-                           "normal, received, clear",
+                           "normal, received, clear, help",
                            c->words[0]);
     simCallLog(c, "modbus");
     return simModbusFaultParse(&modbus->faults, c->words, c->count, c->error);

@@ -17,7 +17,7 @@
 
 #define INBOX 4096        /* bytes read at a time */
 #define MAX_QUEUED 65536u /* bytes that a client may leave unread */
-#define READ_ROUNDS 16    /* reads per call, so that a fast client leaves time */
+#define READ_ROUNDS 4     /* reads per call, so that a fast client leaves time */
 
 /* Bytes on their way to a client. */
 typedef struct chunk {

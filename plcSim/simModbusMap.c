@@ -289,6 +289,20 @@ void simMapPutRegisters(const simModbusMap *map, simTable table, unsigned start,
     }
 }
 
+static void placeText(const simPlace *place, simText *out)
+{
+    const simBlock *block = place->block;
+    char letter = block->area == SIM_AREA_I ? 'I' : block->area == SIM_AREA_Q ? 'Q' : 'M';
+
+    if (block->area != SIM_AREA_DB)
+        simTextAdd(out, "%c%lu", letter, (unsigned long)place->offset);
+    else
+        simTextAdd(out, "DB%u.%s%lu", block->number, place->bit > 0 ? "DBX" : "",
+                   (unsigned long)place->offset);
+    if (place->bit > 0)
+        simTextAdd(out, ".%d", place->bit);
+}
+
 void simMapText(const simModbusMap *map, simText *out)
 {
     const char *separator = " without=";
@@ -297,20 +311,10 @@ void simMapText(const simModbusMap *map, simText *out)
 
     for (i = 0; i < map->count; i++) {
         const simArea *area = &map->areas[i];
-        const simBlock *block = area->place.block;
 
         simTextAdd(out, " %s=%u..%u@", tables[area->table].name, area->start,
                    area->start + area->count - 1);
-        if (block->area == SIM_AREA_DB)
-            simTextAdd(out, "DB%u.", block->number);
-        else
-            simTextAdd(out, "%c",
-                       block->area == SIM_AREA_I   ? 'I'
-                       : block->area == SIM_AREA_Q ? 'Q'
-                                                   : 'M');
-        simTextAdd(out, "%lu", (unsigned long)area->place.offset);
-        if (area->place.bit > 0)
-            simTextAdd(out, ".%d", area->place.bit);
+        placeText(&area->place, out);
         if (area->readOnly && tables[area->table].writable)
             simTextAdd(out, ",readonly");
     }
