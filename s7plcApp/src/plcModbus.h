@@ -1,10 +1,10 @@
 /* The Modbus/TCP side of one PLC: a thread that polls input ranges and writes what has
- * changed, by libmodbus. It is the only one that calls libmodbus, and it may wait for the PLC
- * as long as a request may take; nobody waits for it.
+ * changed, by libmodbus. It is the only one that calls libmodbus, and it may wait for the
+ * PLC as long as a request may take; nobody waits for it.
  *
- * Knows ranges, images as bytes, and a socket that is up; no station, no records, no options
- * but its own. It never connects: the station's thread does, and hands the socket over.
- * Functions are called by the station's thread, and never block.
+ * Knows ranges, images as bytes, and a socket that is up; no station, no records, no
+ * options but its own. It never connects: the station's thread does, and hands the socket
+ * over. Functions are called by the station's thread, and never block.
  */
 #ifndef INC_plcModbus_H
 #define INC_plcModbus_H
@@ -31,52 +31,63 @@ typedef struct plcModbusSetup {
     const plcRange *outputs;
     unsigned outputCount;
     size_t outSize;
-    plcFaults *inFaults;    /* where refused ranges are put down, whole ranges */
+    plcFaults *inFaults;    /* where refused reads are put down: the part of a range that
+                             * was in the request, once it is read by itself */
     plcFaults *outFaults;   /* and refused or unanswered writes, bit by bit */
-    void (*wake)(void *arg); /* there is news: any thread */
+    void (*wake)(void *arg); /* there may be news: any thread; no lock is held */
     void *arg;
 } plcModbusSetup;
 
 typedef struct plcModbusOptions {
-    double requestTimeout;    /* ms */
-    double readPeriod;        /* ms between two reads of the output ranges, 0: at connect only */
+    double requestTimeout;    /* ms: a whole answer must be there by then */
+    double readPeriod;        /* ms between two reads of the output ranges; 0: at connect */
     int singleWrite;          /* FC6 and FC5 for single ones */
-    int readModifyWrite;      /* where the PLC has no FC22 */
-    int heartbeatRegister;    /* holding register, -1: none */
-    double heartbeat;         /* ms between two counts */
+    int readModifyWrite;      /* FC3 and FC6 where the PLC has no FC22 */
+    int heartbeatRegister;    /* holding register, written by FC6; -1: none */
+    double heartbeat;         /* ms between two counts; 0: 1000 */
 } plcModbusOptions;
 
 /* What has happened since the last plcModbusTake. */
 typedef struct plcModbusNews {
     int lost;                  /* the socket is of no use any more, because: */
-    char why[PLC_REASON_SIZE]; /* "no answer for 1.0 s", "closed by the PLC", ... */
-    unsigned blocks;           /* times the input image was filled anew; the newest is in */
-    epicsTimeStamp stamp;      /* `input`, complete at this time */
-    int shown;                 /* 1: `output` holds what the PLC has in the output ranges */
-    char unread[PLC_REASON_SIZE]; /* "": or why the PLC does not show them at connect */
+    char why[PLC_REASON_SIZE]; /* "no answer for 1.0 s", "connection closed by PLC", ... */
+    unsigned blocks;           /* how often the input image was filled anew; the newest is in
+                                * `input`, complete at this time: */
+    epicsTimeStamp stamp;
+    int shown;                 /* 1: `output` holds what the PLC has in the output ranges,
+                                * and for what is ordered meanwhile, that. Without output
+                                * ranges, 1 at connect */
+    char unread[PLC_REASON_SIZE]; /* "": or why the PLC does not show them (news when this
+                                   * begins or changes; shown is 0 then) */
     int inFaults, outFaults;   /* 1: something changed in these */
     char log[PLC_REASON_SIZE + 80]; /* a line for the log, "": none. Transitions only */
     int idle;                  /* all writes that were ordered are through (or refused) */
     /* counts since the last call */
     unsigned requests, exceptions, timeouts;
-    epicsUInt64 bytesIn, bytesOut; /* of requests and answers */
-    unsigned writes;           /* write requests that were acknowledged */
+    epicsUInt64 bytesIn, bytesOut; /* of requests and answers, with their headers */
+    unsigned writes;           /* write requests that were acknowledged; no heartbeat */
     double latency;            /* ms, last request; 0: none */
     double latencyMax;         /* ms */
 } plcModbusNews;
 
-plcModbus *plcModbusCreate(const plcModbusSetup *setup); /* no thread yet */
-void plcModbusDestroy(plcModbus *modbus);                /* ends and joins the thread */
+/* No thread yet; but it takes a descriptor for libmodbus, which can only use those below
+ * 1024: call it when the PLC is configured. Without one, each connection is lost at once,
+ * with the reason. */
+plcModbus *plcModbusCreate(const plcModbusSetup *setup);
+void plcModbusDestroy(plcModbus *modbus); /* ends and joins the thread */
 
+/* From the next request on. */
 void plcModbusSetOptions(plcModbus *modbus, const plcModbusOptions *options);
 
-/* The connection is up: begin (the worker uses a descriptor of its own for it). First the
- * output ranges are read (news: shown or unread), then all input ranges, then each by its
- * period. Orders from before are void. glueIn, glueOut (may be NULL) are copied. */
+/* The connection is up: begin (the worker uses a descriptor of its own for it, but shuts
+ * the connection down when it is lost). First the output ranges are read (news: shown or
+ * unread), then all input ranges, then each by its period. Orders from before are void.
+ * glueIn, glueOut (may be NULL) are copied. */
 void plcModbusStart(plcModbus *modbus, SOCKET socket, const epicsUInt8 *glueIn,
                     const epicsUInt8 *glueOut);
 
-/* Never mind the connection: a request under way is cut off; no news of it comes any more. */
+/* Never mind the connection: it is shut down, a request under way is cut off; no news of
+ * it comes any more, and no change of the faults. */
 void plcModbusStop(plcModbus *modbus);
 
 /* Writes the bits of `image` that are set in `mask`, both outSize bytes. Joins what was

@@ -1,0 +1,65 @@
+/* Frames between libmodbus and the socket of a PLC: one request, then its answer.
+ *
+ * libmodbus waits with select(), which knows no descriptor above 1023, counts its time-out
+ * anew, and finds no fault with an answer of another unit. So it never sees the PLC's socket:
+ * it talks to one end of a pair of local sockets, and a thread stands at the other. That
+ * thread passes the request on, waits for the answer up to one deadline, and looks at its
+ * header before libmodbus gets it. Instead of an answer that is bad or does not come,
+ * libmodbus gets an exception; plcModbusWireLast has the truth.
+ *
+ *   libmodbus == pair == this thread == socket == PLC
+ *
+ *   bytes  0 1 transaction   2 3 zero   4 5 length of the rest   6 unit   7 function   8 ...
+ *
+ * Knows frames; not what they are for.
+ */
+#ifndef INC_plcModbusWire_H
+#define INC_plcModbusWire_H
+
+#include <modbus/modbus.h>
+
+#include <osiSock.h>
+
+#include "plcImage.h" /* PLC_REASON_SIZE */
+
+typedef struct plcModbusWire plcModbusWire;
+
+/* How a request ended. */
+typedef struct plcExchange {
+    int lost;                  /* the socket is of no use any more, because: */
+    char why[PLC_REASON_SIZE];
+    int timeout;               /* it is lost because the answer was late */
+    int exception;             /* code of the PLC's answer; 0: none */
+    unsigned sent, received;   /* bytes */
+    double latency;            /* ms from the request to the whole answer; 0: none came */
+} plcExchange;
+
+/* Takes a descriptor below FD_SETSIZE for itself for good: call it early. `broken` is called
+ * by the wire's thread when the socket ends while no request is under way. */
+plcModbusWire *plcModbusWireCreate(const char *name, int unit, void (*broken)(void *arg),
+                                   void *arg);
+
+/* No call of libmodbus may be under way. Joins the thread. */
+void plcModbusWireDestroy(plcModbusWire *wire);
+
+/* The connection from now on; the wire closes it. No call of libmodbus may be under way.
+ * Returns 0, or -1 when libmodbus cannot be used: then why says so, and the socket is closed.
+ */
+int plcModbusWireOpen(plcModbusWire *wire, SOCKET socket, char why[PLC_REASON_SIZE]);
+
+/* For the calls of libmodbus; one thread at a time. */
+modbus_t *plcModbusWireContext(plcModbusWire *wire);
+
+/* For the next requests; ms. The whole answer must be there by then. */
+void plcModbusWireTimeout(plcModbusWire *wire, double timeout);
+
+/* How the last request ended. */
+void plcModbusWireLast(plcModbusWire *wire, plcExchange *exchange);
+
+/* Returns 1 and why when the socket ended while no request was under way, else 0. */
+int plcModbusWireBroken(plcModbusWire *wire, char why[PLC_REASON_SIZE]);
+
+/* Ends the connection, and a request under way with it. Any thread; never waits. */
+void plcModbusWireCut(plcModbusWire *wire);
+
+#endif /* INC_plcModbusWire_H */
