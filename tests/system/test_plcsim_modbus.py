@@ -12,6 +12,7 @@ import pytest
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
+from client import TOP
 from sim import PROGRAM
 from test_plcsim import SYNC, Client, flags_become, status, sync_block
 from waiting import LIMIT, until, until_equal
@@ -509,6 +510,20 @@ def test_sync(new_sim, new_master, closing):
     flags_become(client, 2)  # a setpoint has moved: SYNC falls
     assert sim.command("get DB10.DBD0") == "DB10.DBD0 = 99"
     assert status(sim, "faults") == "faults: none"
+
+
+def test_example(new_sim, new_master):
+    """The example of docs/plcsim.md works"""
+    manual = (TOP / "docs" / "plcsim.md").read_text().split("## Modbus")[1]
+    text = next(part for part in manual.split("```") if "modbus_port = 1502" in part)
+    sim = new_sim(text, "-o", "modbus_port=0")
+    master = new_master(sim)
+    good(master.write_registers(0, [1, 2, 3]))
+    assert read(master, "holding", 0, count=3) == [1, 2, 3]
+    good(master.write_coil(63, True))
+    assert read(master, "holding", 503, count=1) == [0x0080]
+    assert read(master, "discrete", 0, count=16) == 16 * [False]
+    until(lambda: read(master, "input", 0, count=3) == [1, 2, 3], "the block shows them")
 
 
 def test_file(tmp_path):
