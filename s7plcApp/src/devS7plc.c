@@ -21,6 +21,7 @@
 
 #include "plcCompat.h"
 #include "devS7plc.h"
+#include "plcHot.h"
 
 #define QUOTE_MAX 70  /* characters of a link that a message shows */
 #define QUOTE_LEAD 40 /* of them before the place of the error, in a long link */
@@ -403,7 +404,7 @@ static void overUndefined(dbCommon *prec)
         prec->nsev = NO_ALARM;
 }
 
-devRecord *devOf(dbCommon *prec)
+PLC_HOT devRecord *devOf(dbCommon *prec)
 {
     devRecord *dev = prec->dpvt;
 
@@ -418,7 +419,7 @@ devRecord *devOf(dbCommon *prec)
     return NULL;
 }
 
-long devFetch(dbCommon *prec, void *bytes)
+PLC_HOT long devFetch(dbCommon *prec, void *bytes)
 {
     const devRecord *dev = devOf(prec);
     char reason[PLC_REASON_SIZE];
@@ -434,7 +435,7 @@ long devFetch(dbCommon *prec, void *bytes)
     return -1;
 }
 
-long devFetchInt(dbCommon *prec, epicsInt64 *value)
+PLC_HOT long devFetchInt(dbCommon *prec, epicsInt64 *value)
 {
     const devRecord *dev = prec->dpvt;
     epicsUInt8 bytes[DEV_SCALAR];

@@ -20,6 +20,7 @@
 #include "devS7plc.h"
 #include "drvS7plc.h"
 #include "plcCompat.h"
+#include "plcHot.h"
 
 #include <epicsExport.h> /* last */
 
@@ -81,7 +82,7 @@ static long readAiReal(aiRecord *prec, double value)
     return 2;
 }
 
-static long readAi(dbCommon *common)
+PLC_HOT static long readAi(dbCommon *common)
 {
     aiRecord *prec = (aiRecord *)common;
     const devRecord *dev = common->dpvt;
@@ -106,7 +107,7 @@ static long readAi(dbCommon *common)
 
 /* bi: RVAL shows the bit in its place, but of 64 bits it has room for only half: then it
  * is 1. MASK shows the bit in its half of a 64-bit type. */
-static long readBi(dbCommon *common)
+PLC_HOT static long readBi(dbCommon *common)
 {
     biRecord *prec = (biRecord *)common;
     const devRecord *dev = common->dpvt;
@@ -134,7 +135,7 @@ static epicsUInt32 bitsOf(const devRecord *dev, epicsInt64 raw)
     return (epicsUInt32)raw & 0xFFFFFFFFu >> (32 - 8 * dev->type->size);
 }
 
-static long readMbbi(dbCommon *common)
+PLC_HOT static long readMbbi(dbCommon *common)
 {
     mbbiRecord *prec = (mbbiRecord *)common;
     const devRecord *dev = common->dpvt;
@@ -155,7 +156,7 @@ static int prepareMbbi(dbCommon *common, devRecord *dev, const plcLink *link,
     return devPrepareMask(common, dev, &prec->mask, prec->nobt, prec->shft);
 }
 
-static long readMbbiDirect(dbCommon *common)
+PLC_HOT static long readMbbiDirect(dbCommon *common)
 {
     mbbiDirectRecord *prec = (mbbiDirectRecord *)common;
     const devRecord *dev = common->dpvt;
@@ -179,7 +180,7 @@ static int prepareMbbiDirect(dbCommon *common, devRecord *dev, const plcLink *li
 /* --- Integers ----------------------------------------------------------------------- */
 
 /* longin: a UINT32 above 2147483647 shows as negative, VAL has no more bits. */
-static long readLongin(dbCommon *common)
+PLC_HOT static long readLongin(dbCommon *common)
 {
     epicsInt64 raw;
 

@@ -8,6 +8,7 @@
 #include <epicsString.h>
 
 #include "plcCodec.h"
+#include "plcHot.h"
 
 #if EPICS_BYTE_ORDER == EPICS_ENDIAN_BIG
 #define HOST plcBigEndian
@@ -233,7 +234,7 @@ static void store(void *bytes, unsigned size, int order, epicsUInt64 value)
     }
 }
 
-epicsInt64 plcGetInt(const plcType *type, const void *bytes, int order)
+PLC_HOT epicsInt64 plcGetInt(const plcType *type, const void *bytes, int order)
 {
     return (epicsInt64)load(bytes, type->size, order, type->kind == plcSigned);
 }
@@ -243,7 +244,7 @@ void plcPutInt(const plcType *type, void *bytes, int order, epicsInt64 value)
     store(bytes, type->size, order, (epicsUInt64)value);
 }
 
-double plcGetReal(const plcType *type, const void *bytes, int order)
+PLC_HOT double plcGetReal(const plcType *type, const void *bytes, int order)
 {
     epicsUInt64 bits = load(bytes, type->size, order, 0);
     double value;

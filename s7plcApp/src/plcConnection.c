@@ -12,6 +12,7 @@
 #include <epicsStdio.h>
 
 #include "plcConnection.h"
+#include "plcHot.h"
 
 /* Socket options that make a dead peer known; s. Data unacknowledged that long, too. */
 enum { keepIdle = 5, keepInterval = 2, keepCount = 3, userTimeout = 10 };
@@ -146,7 +147,7 @@ int plcConnectionDelivered(const plcConnection *c)
     return left == 0;
 }
 
-short plcConnectionEvents(const plcConnection *c)
+PLC_HOT short plcConnectionEvents(const plcConnection *c)
 {
     switch (c->state) {
     case plcConnectionConnecting:
@@ -179,7 +180,7 @@ int plcConnectionFinish(plcConnection *c, epicsUInt64 now)
     return 1;
 }
 
-int plcConnectionReceive(plcConnection *c, epicsUInt64 now)
+PLC_HOT int plcConnectionReceive(plcConnection *c, epicsUInt64 now)
 {
     size_t room;
     void *space = plcFramingSpace(c->framing, &room);
@@ -198,7 +199,7 @@ int plcConnectionReceive(plcConnection *c, epicsUInt64 now)
     return fail(c, errno, now);
 }
 
-int plcConnectionIdle(const plcConnection *c)
+PLC_HOT int plcConnectionIdle(const plcConnection *c)
 {
     return c->state == plcConnectionUp && c->sent == c->outSize;
 }

@@ -5,6 +5,7 @@
 #include <cantProceed.h>
 
 #include "plcFraming.h"
+#include "plcHot.h"
 
 /* Bytes that come after this much quiet begin a new burst. */
 #define QUIET_NS 2000000u
@@ -64,7 +65,7 @@ void plcFramingReset(plcFraming *f)
     f->verdict = plcFramingOpen;
 }
 
-void *plcFramingSpace(plcFraming *f, size_t *room)
+PLC_HOT void *plcFramingSpace(plcFraming *f, size_t *room)
 {
     *room = f->capacity - f->fill;
     return f->buffer + f->fill;
@@ -99,7 +100,7 @@ static void closeBurst(plcFraming *f, int aligned)
     }
 }
 
-void plcFramingAdd(plcFraming *f, size_t count, epicsUInt64 now)
+PLC_HOT void plcFramingAdd(plcFraming *f, size_t count, epicsUInt64 now)
 {
     int whole;
 
@@ -124,19 +125,19 @@ void plcFramingAdd(plcFraming *f, size_t count, epicsUInt64 now)
         f->verdict = plcFramingTrusted;
 }
 
-size_t plcFramingCount(const plcFraming *f)
+PLC_HOT size_t plcFramingCount(const plcFraming *f)
 {
     return f->blockSize ? f->fill / f->blockSize : 0;
 }
 
-const void *plcFramingNewest(const plcFraming *f)
+PLC_HOT const void *plcFramingNewest(const plcFraming *f)
 {
     size_t whole = plcFramingCount(f);
 
     return whole ? f->buffer + (whole - 1) * f->blockSize : NULL;
 }
 
-void plcFramingConsume(plcFraming *f)
+PLC_HOT void plcFramingConsume(plcFraming *f)
 {
     size_t rest = f->blockSize ? f->fill % f->blockSize : 0;
 
@@ -145,12 +146,12 @@ void plcFramingConsume(plcFraming *f)
     f->fill = rest;
 }
 
-plcFramingVerdict plcFramingJudge(const plcFraming *f)
+PLC_HOT plcFramingVerdict plcFramingJudge(const plcFraming *f)
 {
     return f->verdict;
 }
 
-size_t plcFramingBurst(const plcFraming *f)
+PLC_HOT size_t plcFramingBurst(const plcFraming *f)
 {
     return f->suspect;
 }

@@ -19,6 +19,7 @@
 #include <epicsMutex.h>
 #include <epicsStdio.h>
 
+#include "plcHot.h"
 #include "plcImage.h"
 
 typedef size_t word;
@@ -128,8 +129,8 @@ static void copyIn(word *to, const void *src, size_t length)
     }
 }
 
-int plcImageRead(plcImage *image, size_t offset, size_t length, void *dst,
-                 epicsTimeStamp *stamp)
+PLC_HOT int plcImageRead(plcImage *image, size_t offset, size_t length, void *dst,
+                         epicsTimeStamp *stamp)
 {
     const word *from;
     word block;
@@ -160,7 +161,8 @@ void plcImageReason(plcImage *image, char reason[PLC_REASON_SIZE])
     epicsMutexUnlock(image->lock);
 }
 
-void plcImagePublish(plcImage *image, const void *block, const epicsTimeStamp *stamp)
+PLC_HOT void plcImagePublish(plcImage *image, const void *block,
+                             const epicsTimeStamp *stamp)
 {
     word next = image->blocks + 1; /* only this thread changes it */
     word *to = image->words[next & 1];
@@ -174,7 +176,7 @@ void plcImagePublish(plcImage *image, const void *block, const epicsTimeStamp *s
     epicsMutexUnlock(image->lock);
 }
 
-const void *plcImageBytes(const plcImage *image)
+PLC_HOT const void *plcImageBytes(const plcImage *image)
 {
     return bytesOf(image);
 }
@@ -285,7 +287,7 @@ int plcImageSet(plcImage *image, size_t offset, size_t length, const void *src,
     return changed;
 }
 
-int plcImageDirty(plcImage *image)
+PLC_HOT int plcImageDirty(plcImage *image)
 {
     int dirty;
 

@@ -1,8 +1,9 @@
 /* The policy of a single PLC; see plcPolicy.h. */
+#include "plcHot.h"
 #include "plcPolicy.h"
 
-static int singleStep(void *pvt, plcEvent event, unsigned which, epicsUInt64 now,
-                      epicsUInt64 *wake)
+PLC_HOT static int singleStep(void *pvt, plcEvent event, unsigned which, epicsUInt64 now,
+                              epicsUInt64 *wake)
 {
     (void)pvt;
     (void)which;

@@ -6,6 +6,7 @@
 #include <ellLib.h>
 #include <epicsMutex.h>
 
+#include "plcHot.h"
 #include "plcReadback.h"
 
 typedef struct place {
@@ -86,7 +87,7 @@ void plcReadbackAdd(plcReadback *r, const void *key, size_t out, size_t in, size
     epicsMutexUnlock(r->lock);
 }
 
-unsigned plcReadbackCount(plcReadback *r)
+PLC_HOT unsigned plcReadbackCount(plcReadback *r)
 {
     unsigned count;
 

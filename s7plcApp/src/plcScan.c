@@ -24,6 +24,7 @@
 #include <epicsThread.h>
 #include <epicsTime.h>
 
+#include "plcHot.h"
 #include "plcScan.h"
 
 #define ALL_PRIOS ((1u << NUM_CALLBACK_PRIORITIES) - 1)
@@ -427,7 +428,7 @@ static size_t lastWord(const group *g)
 }
 
 /* Counts the groups of each word, then fills them in behind each other. */
-static void buildIndex(plcScan *scan)
+PLC_COLD static void buildIndex(plcScan *scan)
 {
     size_t numWords = scan->blockSize / WORD + 1;
     size_t i, w;
@@ -495,8 +496,8 @@ static unsigned changedWords(const char *before, const char *after, size_t at, s
 
 /* The groups of these words. In three steps, so that the cache fetches what the next one
  * needs for many words at a time. */
-static void touchWords(plcScan *scan, const char *before, const char *after,
-                       const epicsUInt32 words[], unsigned n)
+PLC_HOT static void touchWords(plcScan *scan, const char *before, const char *after,
+                               const epicsUInt32 words[], unsigned n)
 {
     const epicsUInt32 *start = scan->wordStart;
     unsigned i;
@@ -513,7 +514,7 @@ static void touchWords(plcScan *scan, const char *before, const char *after,
 }
 
 /* Marks the groups whose bytes differ as pending. Returns their number. */
-static size_t touchChanged(plcScan *scan, const char *before, const char *after)
+PLC_HOT static size_t touchChanged(plcScan *scan, const char *before, const char *after)
 {
     epicsUInt32 words[2 * CHUNK / WORD] = {0};
     size_t waiting = scan->numPending;
@@ -568,7 +569,7 @@ static unsigned bitCount(unsigned prios)
 
 /* Makes what is pending the running pass. Returns its priorities: none when no record is
  * concerned, then no pass runs. Lock held; no pass runs. */
-static unsigned begin(plcScan *scan)
+PLC_HOT static unsigned begin(plcScan *scan)
 {
     group **spare = scan->running;
     unsigned prios;
@@ -604,7 +605,7 @@ static unsigned begin(plcScan *scan)
 }
 
 /* These priorities could not be queued: they wait for the next request. */
-static void putBack(plcScan *scan, unsigned prios)
+PLC_COLD static void putBack(plcScan *scan, unsigned prios)
 {
     size_t i;
 
@@ -738,7 +739,7 @@ static void finish(plcScan *scan)
 
 /* One priority of a pass. Half of the time that many records take is waiting for memory,
  * if nothing fetches them ahead. */
-static void runPart(part *own)
+PLC_HOT static void runPart(part *own)
 {
     target targets[BATCH];
     unsigned n, i;
@@ -801,7 +802,7 @@ static void runHere(plcScan *scan, unsigned prios)
 /* The request is marked as pending: begins a pass unless one runs. Lock held; unlocks.
  * Like scanIoRequest nothing is processed before iocInit is through or while the IOC is
  * paused, but it stays pending for the next request. */
-static void request(plcScan *scan)
+PLC_HOT static void request(plcScan *scan)
 {
     unsigned prios = 0;
     int here;
@@ -831,7 +832,7 @@ int plcScanRequestAll(plcScan *scan)
     return waiting;
 }
 
-int plcScanRequestChanged(plcScan *scan, const void *before, const void *after)
+PLC_HOT int plcScanRequestChanged(plcScan *scan, const void *before, const void *after)
 {
     int waiting;
 
@@ -857,7 +858,7 @@ int plcScanBusy(plcScan *scan)
     return busy;
 }
 
-unsigned plcScanCount(plcScan *scan)
+PLC_HOT unsigned plcScanCount(plcScan *scan)
 {
     unsigned count = 0;
     int prio;

@@ -15,6 +15,7 @@
 #include <errlog.h>
 
 #include "plcClock.h"
+#include "plcHot.h"
 #include "plcStationPvt.h"
 
 /* The list only grows until plcStationsDestroy; `listLock` guards it. */
@@ -89,7 +90,7 @@ void plcStationNames(char *text, size_t size)
 }
 
 /* Called from callback threads at the end of a pass of input records. */
-static void passDone(void *pvt, epicsUInt64 requested)
+PLC_HOT static void passDone(void *pvt, epicsUInt64 requested)
 {
     plcStation *s = pvt;
     double ms = (epicsMonotonicGet() - requested) * 1e-6;

@@ -11,6 +11,7 @@
 #include <errlog.h>
 
 #include "plcClock.h"
+#include "plcHot.h"
 #include "plcStationPvt.h"
 
 /* A put may take this long, beyond the send interval, until the PLC shows it; ms. */
@@ -57,7 +58,7 @@ void plcInputSetState(plcStation *s, int state)
 /* The data of the PLC is not to be used, or there is a better reason why not. I/O Intr
  * records process once when data was lost, and never before there was any: sites hang
  * chains on the first processing, which must see the first block. */
-void plcInputInvalidate(plcStation *s, int state, const char *reason)
+PLC_COLD void plcInputInvalidate(plcStation *s, int state, const char *reason)
 {
     int lost = s->valid;
 
@@ -74,7 +75,7 @@ void plcInputInvalidate(plcStation *s, int state, const char *reason)
 }
 
 /* The time stamp of a block: its arrival, or the PLC's own clock. */
-epicsTimeStamp plcInputStamp(plcStation *s, const char *block)
+PLC_HOT epicsTimeStamp plcInputStamp(plcStation *s, const char *block)
 {
     epicsTimeStamp arrival, plc;
     int bad;
@@ -95,8 +96,8 @@ epicsTimeStamp plcInputStamp(plcStation *s, const char *block)
 }
 
 /* Hands a block to the records. */
-static void deliver(plcStation *s, const void *block, const epicsTimeStamp *stamp,
-                    epicsUInt64 now)
+PLC_HOT static void deliver(plcStation *s, const void *block, const epicsTimeStamp *stamp,
+                            epicsUInt64 now)
 {
     const void *before = plcImageBytes(s->in);
     int changesOnly = s->valid;
@@ -142,7 +143,7 @@ static int mayDeliver(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     return 1;
 }
 
-void plcInputHoldStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
+PLC_HOT void plcInputHoldStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
 {
     if (s->holding && mayDeliver(s, now, wake))
         deliver(s, s->held, &s->heldStamp, now);
@@ -166,7 +167,7 @@ static int aliveWord(plcStation *s, const char *block, epicsUInt64 now)
     return 1;
 }
 
-void plcInputAliveStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
+PLC_HOT void plcInputAliveStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
 {
     epicsUInt64 due = s->lastAlive + plcMsToNs(s->now.aliveTimeout);
 
@@ -182,7 +183,7 @@ void plcInputAliveStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
 }
 
 /* The outputs take what the PLC shows. */
-static void takeReadback(plcStation *s, const void *block)
+PLC_COLD static void takeReadback(plcStation *s, const void *block)
 {
     int first = !epicsAtomicGetIntT(&s->taken);
     unsigned places;
@@ -210,7 +211,7 @@ static void trackReadback(plcStation *s, const void *block, epicsUInt64 now)
 }
 
 /* The one place where the state of the handshake shows to others. */
-static void syncShow(plcStation *s, epicsUInt64 now)
+PLC_COLD static void syncShow(plcStation *s, epicsUInt64 now)
 {
     int before, remote = (s->sync.flags & plcFlagRemote) != 0;
     char text[120];
@@ -244,7 +245,7 @@ static void syncShow(plcStation *s, epicsUInt64 now)
 }
 
 /* A PLC that never agrees compares something that we do not read back. Says so once. */
-static void syncDoubt(plcStation *s, epicsUInt64 now)
+PLC_COLD static void syncDoubt(plcStation *s, epicsUInt64 now)
 {
     if (s->sync.state != plcSyncChecking || s->syncDoubted ||
         now - s->syncSince < plcMsToNs(SYNC_DOUBT_MS))
@@ -300,8 +301,8 @@ static int outputsFollow(plcStation *s, const void *block, epicsUInt64 now)
 }
 
 /* Whole blocks came from the PLC that leads; this is the newest. */
-void plcInputBlock(plcStation *s, const void *block, epicsTimeStamp stamp, size_t count,
-                   epicsUInt64 now)
+PLC_HOT void plcInputBlock(plcStation *s, const void *block, epicsTimeStamp stamp,
+                           size_t count, epicsUInt64 now)
 {
     epicsUInt64 wake = PLC_NEVER;
 

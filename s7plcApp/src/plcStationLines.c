@@ -11,6 +11,7 @@
 #include <epicsStdio.h>
 #include <errlog.h>
 
+#include "plcHot.h"
 #include "plcStationPvt.h"
 
 /* Waits before attempts to connect, ms: the first at once, then up to the last. */
@@ -42,7 +43,7 @@ void plcLineReason(plcStation *s, const char *reason)
 /* This line leads no longer. What still is on its way to the PLC must not get there: not
  * now, and not when its cable is plugged in again. And a connection that fell silent is
  * made anew, so that it is known soon whether the PLC is there. */
-static void retire(plcStation *s, unsigned i, epicsUInt64 now)
+PLC_COLD static void retire(plcStation *s, unsigned i, epicsUInt64 now)
 {
     const plcConnection *c = &s->lines[i].connection;
 
@@ -55,7 +56,7 @@ static void retire(plcStation *s, unsigned i, epicsUInt64 now)
 }
 
 /* The one place where the leader changes. */
-static void setLeader(plcStation *s, int leader, epicsUInt64 now)
+PLC_COLD static void setLeader(plcStation *s, int leader, epicsUInt64 now)
 {
     int before = s->lastLeader;
 
@@ -90,7 +91,7 @@ static void setLeader(plcStation *s, int leader, epicsUInt64 now)
     }
 }
 
-void plcLineTellPolicy(plcStation *s, plcEvent event, unsigned i, epicsUInt64 now)
+PLC_HOT void plcLineTellPolicy(plcStation *s, plcEvent event, unsigned i, epicsUInt64 now)
 {
     int before = s->leader;
     plcLine *line;
@@ -121,7 +122,8 @@ static int otherIsUp(plcStation *s, unsigned i)
 }
 
 /* An attempt to connect failed, or an address could not be found. */
-static void lineFailed(plcStation *s, unsigned i, epicsUInt64 now, const char *why)
+PLC_COLD static void lineFailed(plcStation *s, unsigned i, epicsUInt64 now,
+                                const char *why)
 {
     plcLine *line = &s->lines[i];
     char text[200];
@@ -145,12 +147,12 @@ static void lineFailed(plcStation *s, unsigned i, epicsUInt64 now, const char *w
 }
 
 /* A PLC that babbles looks right and wrong in turns: that is said twice a minute. */
-static int babbles(const plcLine *line)
+PLC_COLD static int babbles(const plcLine *line)
 {
     return line->verdicts > 2;
 }
 
-static void countVerdict(plcLine *line, epicsUInt64 now)
+PLC_COLD static void countVerdict(plcLine *line, epicsUInt64 now)
 {
     if (!line->verdicts || now - line->verdictsSince >= plcMsToNs(60000)) {
         line->verdicts = 0;
@@ -160,7 +162,7 @@ static void countVerdict(plcLine *line, epicsUInt64 now)
 }
 
 /* A connection that was up is gone, or has to go: closes it and says so. */
-void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char *why)
+PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char *why)
 {
     plcLine *line = &s->lines[i];
     char text[200];
@@ -198,7 +200,7 @@ void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char *why)
     }
 }
 
-static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
+PLC_COLD static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
 {
     plcLine *line = &s->lines[i];
     char text[200];
@@ -233,7 +235,7 @@ static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
         plcInputInvalidate(s, plcStateNoPrimary, "no PRIMARY: neither PLC sends");
 }
 
-static void lineOpen(plcStation *s, unsigned i, epicsUInt64 now)
+PLC_COLD static void lineOpen(plcStation *s, unsigned i, epicsUInt64 now)
 {
     plcLine *line = &s->lines[i];
     struct in_addr host;
@@ -266,7 +268,7 @@ static int lossSeen(plcStation *s, const plcLine *line, epicsUInt64 now,
 }
 
 /* Timers of one connection. */
-void plcLineStep(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64 *wake)
+PLC_HOT void plcLineStep(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64 *wake)
 {
     plcLine *line = &s->lines[i];
     plcConnection *c = &line->connection;
@@ -308,7 +310,7 @@ void plcLineStep(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64 *wake)
 }
 
 /* Says once that the block size is wrong, and gives the connection up. */
-static void lineWrongSize(plcStation *s, unsigned i, epicsUInt64 now)
+PLC_COLD static void lineWrongSize(plcStation *s, unsigned i, epicsUInt64 now)
 {
     plcLine *line = &s->lines[i];
     size_t burst = plcFramingBurst(line->connection.framing);
@@ -424,7 +426,7 @@ static void lineReceive(plcStation *s, unsigned i, epicsUInt64 now)
 }
 
 /* poll() reported something about this line. */
-void plcLineReady(plcStation *s, unsigned i, short revents, epicsUInt64 now)
+PLC_HOT void plcLineReady(plcStation *s, unsigned i, short revents, epicsUInt64 now)
 {
     plcLine *line = &s->lines[i];
     plcConnection *c = &line->connection;
@@ -443,7 +445,7 @@ void plcLineReady(plcStation *s, unsigned i, short revents, epicsUInt64 now)
 }
 
 /* The data of a pair lives on for recvTimeout without a leader. */
-void plcLineDataStep(plcStation *s, epicsUInt64 *wake)
+PLC_HOT void plcLineDataStep(plcStation *s, epicsUInt64 *wake)
 {
     epicsUInt64 due = s->lastBlock + plcMsToNs(s->now.recvTimeout);
 

@@ -14,6 +14,7 @@
 #include <epicsStdio.h>
 #include <errlog.h>
 
+#include "plcHot.h"
 #include "plcStationPvt.h"
 
 /* With sync=on the PLC expects blocks, also where heartbeat= is not set; ms. */
@@ -25,7 +26,7 @@
 /* --- Log: transitions only, limited
  * ------------------------------------------------------*/
 
-void plcStationLog(plcStation *s, int severity, const char *text)
+PLC_COLD void plcStationLog(plcStation *s, int severity, const char *text)
 {
     epicsUInt64 now = epicsMonotonicGet();
 
@@ -179,7 +180,7 @@ static void statsStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
  * -------------------------------------------------------------------------------*/
 
 /* Takes over what other threads have changed. */
-static void takeOrders(plcStation *s, epicsUInt64 now)
+PLC_HOT static void takeOrders(plcStation *s, epicsUInt64 now)
 {
     const char *why = "PLC address changed";
     unsigned i;
@@ -230,7 +231,7 @@ static void begin(plcStation *s)
     }
 }
 
-static void drainPipe(plcStation *s)
+PLC_COLD static void drainPipe(plcStation *s)
 {
     char buffer[16];
 
@@ -282,7 +283,7 @@ static void waitFor(plcStation *s, epicsUInt64 wake)
     }
 }
 
-void plcStationThread(void *arg)
+PLC_HOT void plcStationThread(void *arg)
 {
     plcStation *s = arg;
     int ran = 0;

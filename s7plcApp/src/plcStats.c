@@ -3,13 +3,14 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "plcHot.h"
 #include "plcStats.h"
 
 #define FIRST_BIN_MS 0.01
 #define BINS_PER_OCTAVE 3
 
 /* The logarithm by hand: called for every block, it must be cheap. */
-int plcStatsBin(double ms)
+PLC_HOT int plcStatsBin(double ms)
 {
     static const double third = 1.2599210498948732, twoThirds = 1.5874010519681994;
     double part;
@@ -34,7 +35,7 @@ void plcStatsReset(plcStats *s)
     memset((char *)s + start, 0, sizeof(*s) - start);
 }
 
-void plcStatsPeriod(plcStats *s, double ms)
+PLC_HOT void plcStatsPeriod(plcStats *s, double ms)
 {
     double before = ms - s->periodMean;
 
@@ -50,7 +51,7 @@ void plcStatsPeriod(plcStats *s, double ms)
     s->periodHist[plcStatsBin(ms)]++;
 }
 
-void plcStatsScan(plcStats *s, double ms)
+PLC_HOT void plcStatsScan(plcStats *s, double ms)
 {
     s->scanLatency = ms;
     if (ms > s->scanLatencyMax)
