@@ -192,7 +192,7 @@ static asynStatus writeInt(plcAsynPort *port, asynUser *user, plcAsynFace face,
     if (view->bit >= 0) {
         mask = view->mask;
     } else if (digitalMask != ALL_BITS) {
-        plcPutInt(view->type, bits, view->bigEndian, (epicsInt64)digitalMask);
+        plcPutInt(view->type, bits, view->order, (epicsInt64)digitalMask);
         mask = bits;
     }
     return writeBytes(port, user, view, view->length, bytes, mask);
@@ -332,7 +332,7 @@ static asynUInt32Digital digitalFace = {
 static void callDigital(plcAsynUser *u, const void *bytes)
 {
     epicsUInt32 mask = u->mask ? (epicsUInt32)plcGetInt(u->view->type, u->maskBytes,
-                                                        u->view->bigEndian)
+                                                        u->view->order)
                                : ALL_BITS;
     epicsUInt32 value = (epicsUInt32)plcAsynGetInt(u->view, bytes);
 

@@ -16,6 +16,8 @@
 
 #define PORTION 300 /* callbacks before the queues are looked at; their default size is 2000 */
 #define CANCEL_WAIT 1.0 /* s; see plcAsynLeave */
+#define NEVER ((epicsUInt64) - 1)
+#define SETTLE_NS 100000000u /* see isSettled */
 #define PATIENCE_NS 1000000000u /* beyond sendInterval, until the PLC shows a write */
 
 /* --- In the station's thread: word is left, the port's thread woken ----------------------- */
@@ -49,6 +51,7 @@ static void sent(void *pvt, const void *block)
 
     plcAsynTraceBytes(port->trace, ASYN_TRACEIO_DRIVER, block,
                       plcStationOutSize(port->station), "out");
+    epicsEventSignal(port->wake); /* other records may have changed the output image */
 }
 
 static void changed(void *pvt)
@@ -80,7 +83,7 @@ static void makeMask(plcAsynUser *u, epicsUInt32 mask)
     if (view->bit >= 0)
         memcpy(u->maskBytes, view->mask, sizeof(u->maskBytes));
     else if (mask != 0xFFFFFFFFu)
-        plcPutInt(view->type, u->maskBytes, view->bigEndian, (epicsInt64)mask);
+        plcPutInt(view->type, u->maskBytes, view->order, (epicsInt64)mask);
     else
         return;
     u->mask = u->maskBytes;
@@ -107,6 +110,8 @@ asynStatus plcAsynJoin(plcAsynPort *port, asynUser *user, plcAsynFace face, epic
     u->callback = callback;
     u->userPvt = userPvt;
     makeMask(u, mask);
+    if (epicsAtomicGetIntT(&port->running))
+        u->joined = epicsMonotonicGet();
     if (view->place->output) {
         u->value = callocMustSucceed(2, view->length + 1, "plcAsynJoin");
         u->shown = u->value + view->length + 1;
@@ -260,6 +265,22 @@ static void setStatus(plcAsynUser *u, asynStatus status, int alarm, epicsTimeSta
     u->own->timestamp = stamp;
 }
 
+/* A record whose SCAN becomes I/O Intr registers before Base has it in a scan list. A callback
+ * in between would leave a value in its queue, and all later ones would come one too late.
+ * So one who joins a running IOC is told a moment later. */
+static int isSettled(const pass *p, plcAsynUser *u)
+{
+    if (!u->joined)
+        return 1;
+    if (p->now >= u->joined + SETTLE_NS) {
+        u->joined = 0;
+        return 1;
+    }
+    if (u->joined + SETTLE_NS < p->port->look)
+        p->port->look = u->joined + SETTLE_NS;
+    return 0;
+}
+
 /* The bytes an input has to be told, or NULL. */
 static const void *inputNews(const pass *p, plcAsynUser *u)
 {
@@ -297,10 +318,14 @@ static int isNews(const pass *p, plcAsynUser *u, const epicsUInt8 *bytes, int sh
         return shownByPlc || u->view->hasReadback || !isZero(bytes, length);
     if (!shownByPlc)
         return !same;
+    if (same)
+        u->patience = 0; /* it has arrived */
     if (same || sameBytes(bytes, u->shown, u->mask, length)) {
         memcpy(u->shown, bytes, length);
         return 0;
     }
+    if (p->now < u->patience && u->patience < p->port->look)
+        p->port->look = u->patience;
     return p->now >= u->patience;
 }
 
@@ -350,7 +375,8 @@ static int callNext(const pass *p)
     epicsMutexMustLock(port->lock);
     while (!bytes && (u = port->next)) {
         port->next = (plcAsynUser *)ellNext(&u->node);
-        bytes = u->view->place->output ? outputNews(p, u) : inputNews(p, u);
+        if (isSettled(p, u))
+            bytes = u->view->place->output ? outputNews(p, u) : inputNews(p, u);
     }
     port->called = bytes ? u : NULL;
     port->callbacks += bytes != NULL;
@@ -477,6 +503,7 @@ static void once(plcAsynPort *port)
     announce(port, p.connected && !off, reason);
     p.taken = plcStationTaken(port->station);
     p.now = epicsMonotonicGet();
+    port->look = NEVER;
     plcStationGetOptions(port->station, &options);
     p.compares = options.scan == plcScanChanged;
     p.tracks = options.track || options.sync;
@@ -493,12 +520,26 @@ static void once(plcAsynPort *port)
     runPass(&p);
 }
 
+/* Waits until there is word from the station, or an output has been patient enough. */
+static void waitFor(plcAsynPort *port)
+{
+    epicsUInt64 now;
+
+    if (port->look == NEVER) {
+        epicsEventMustWait(port->wake);
+        return;
+    }
+    now = epicsMonotonicGet();
+    epicsEventWaitWithTimeout(port->wake, port->look > now ? (port->look - now) * 1e-9 : 0);
+}
+
 void plcAsynThread(void *arg)
 {
     plcAsynPort *port = arg;
 
+    port->look = NEVER;
     for (;;) {
-        epicsEventMustWait(port->wake);
+        waitFor(port);
         if (epicsAtomicGetIntT(&port->stop))
             break;
         if (epicsAtomicGetIntT(&port->running))

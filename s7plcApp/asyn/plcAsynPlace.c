@@ -14,9 +14,11 @@
 
 #define NUMBERS (plcInteger | plcReal)
 #define BYTES (plcInteger | plcString | plcBcd)
-#define ONE_VALUE (plcHasL | plcHasH | plcHasB | plcHasR)
+#define ONE_VALUE (plcHasL | plcHasH | plcHasB | plcHasR | plcHasW)
+#define ONE_BIT (plcHasB | plcHasR | plcHasW)
+#define MANY_VALUES (plcHasR | plcHasW)
 
-static const char *const allowed = "allowed: [in|out] offset T=type L= H= B= R=";
+static const char *const allowed = "allowed: [in|out] offset T=type L= H= B= R= W=";
 
 /* What each interface takes, and the size of its elements when it has many. */
 static const struct {
@@ -26,15 +28,15 @@ static const struct {
     /* clang-format off */
     [plcAsynInt32]         = {{"asynInt32",         plcInteger, 4, ONE_VALUE, "INT16"}, 0},
     [plcAsynInt64]         = {{"asynInt64",         plcInteger, 8, ONE_VALUE, "INT16"}, 0},
-    [plcAsynUInt32Digital] = {{"asynUInt32Digital", plcInteger, 4, plcHasB | plcHasR, "INT16"}, 0},
+    [plcAsynUInt32Digital] = {{"asynUInt32Digital", plcInteger, 4, ONE_BIT, "INT16"}, 0},
     [plcAsynFloat64]       = {{"asynFloat64",       NUMBERS,    8, ONE_VALUE, "INT16"}, 0},
     [plcAsynOctet]         = {{"asynOctet",         plcString,  1, plcHasL | plcHasR, "STRING"}, 1},
-    [plcAsynInt8Array]     = {{"asynInt8Array",     BYTES,      1, plcHasR, "INT8"}, 1},
-    [plcAsynInt16Array]    = {{"asynInt16Array",    plcInteger, 2, plcHasR, "INT16"}, 2},
-    [plcAsynInt32Array]    = {{"asynInt32Array",    plcInteger, 4, plcHasR, "INT32"}, 4},
-    [plcAsynInt64Array]    = {{"asynInt64Array",    plcInteger, 8, plcHasR, "INT64"}, 8},
-    [plcAsynFloat32Array]  = {{"asynFloat32Array",  plcReal,    4, plcHasR, "REAL32"}, 4},
-    [plcAsynFloat64Array]  = {{"asynFloat64Array",  plcReal,    8, plcHasR, "REAL64"}, 8},
+    [plcAsynInt8Array]     = {{"asynInt8Array",     BYTES,      1, MANY_VALUES, "INT8"}, 1},
+    [plcAsynInt16Array]    = {{"asynInt16Array",    plcInteger, 2, MANY_VALUES, "INT16"}, 2},
+    [plcAsynInt32Array]    = {{"asynInt32Array",    plcInteger, 4, MANY_VALUES, "INT32"}, 4},
+    [plcAsynInt64Array]    = {{"asynInt64Array",    plcInteger, 8, MANY_VALUES, "INT64"}, 8},
+    [plcAsynFloat32Array]  = {{"asynFloat32Array",  plcReal,    4, MANY_VALUES, "REAL32"}, 4},
+    [plcAsynFloat64Array]  = {{"asynFloat64Array",  plcReal,    8, MANY_VALUES, "REAL64"}, 8},
     /* clang-format on */
 };
 
@@ -220,6 +222,17 @@ static int placeReadback(plcAsynView *view, const plcLink *link, char *error, si
     return 0;
 }
 
+/* The order of the bytes: the station's, unless W= says more. */
+static int orderOf(const plcStation *station, const plcLink *link)
+{
+    int bigEndian = plcStationBigEndian(station);
+
+    if (link->type->size < 4)
+        return bigEndian;
+    return link->has & plcHasW ? plcOrder(bigEndian, link->highWordFirst)
+                               : plcStationOrder(station);
+}
+
 static int resolve(plcAsynView *view, char *error, size_t size)
 {
     const plcAsynPlace *place = view->place;
@@ -241,14 +254,14 @@ static int resolve(plcAsynView *view, char *error, size_t size)
     view->high = link.high;
     view->clips = (place->link.has & (plcHasL | plcHasH)) != 0;
     view->bit = place->link.has & plcHasB ? (int)link.bit : -1;
-    view->bigEndian = plcStationBigEndian(place->station);
+    view->order = orderOf(place->station, &link);
     if (faces[view->face].element && measureArray(view, &place->link, error, size))
         return -1;
     if (checkPlace(view->offset, view->length ? view->length : 1, blockSize(place),
                    place->output ? "out" : "in", error, size))
         return -1;
     if (view->bit >= 0)
-        plcPutInt(view->type, view->mask, view->bigEndian, (epicsInt64)1 << view->bit);
+        plcPutInt(view->type, view->mask, view->order, (epicsInt64)1 << view->bit);
     return place->output ? placeReadback(view, &place->link, error, size) : 0;
 }
 
@@ -264,6 +277,7 @@ static void enlist(plcAsynView *view, const char *port)
     user->offset = view->offset;
     user->length = view->length;
     user->type = view->type;
+    user->order = view->order;
     user->mask = view->bit >= 0 ? (epicsUInt64)1 << view->bit : 0;
     user->hasReadback = view->hasReadback;
     user->readback = view->readback;
@@ -295,7 +309,7 @@ plcAsynView *plcAsynPlaceView(plcAsynPlace *place, plcAsynFace face, const char 
 
 epicsInt64 plcAsynGetInt(const plcAsynView *view, const void *bytes)
 {
-    epicsInt64 value = plcGetInt(view->type, bytes, view->bigEndian);
+    epicsInt64 value = plcGetInt(view->type, bytes, view->order);
 
     return view->bit < 0 ? value : (epicsInt64)((epicsUInt64)value >> view->bit & 1);
 }
@@ -303,7 +317,7 @@ epicsInt64 plcAsynGetInt(const plcAsynView *view, const void *bytes)
 double plcAsynGetReal(const plcAsynView *view, const void *bytes)
 {
     if (view->type->kind == plcReal)
-        return plcGetReal(view->type, bytes, view->bigEndian);
+        return plcGetReal(view->type, bytes, view->order);
     if (view->type->kind == plcUnsigned)
         return (double)(epicsUInt64)plcAsynGetInt(view, bytes);
     return (double)plcAsynGetInt(view, bytes);
@@ -328,7 +342,7 @@ void plcAsynGetArray(const plcAsynView *view, const void *bytes, void *values, s
     if (view->type->kind == plcBcd)
         plcBcdDecode(values, bytes, n);
     else
-        plcCopyElements(values, bytes, view->type->size, n, view->bigEndian);
+        plcCopyElements(values, bytes, view->type->size, n, view->order);
 }
 
 /* True when the low bytes of the value are the value, read with or without a sign. */
@@ -360,7 +374,7 @@ int plcAsynPutInt(const plcAsynView *view, epicsInt64 value, void *bytes, char *
         return fail(error, size, "%lld does not fit %s", (long long)value,
                     view->type->name);
     }
-    plcPutInt(view->type, bytes, view->bigEndian, value);
+    plcPutInt(view->type, bytes, view->order, value);
     return 0;
 }
 
@@ -371,7 +385,7 @@ int plcAsynPutReal(const plcAsynView *view, double value, void *bytes, char *err
     epicsInt64 least, whole;
 
     if (view->type->kind == plcReal) {
-        plcPutReal(view->type, bytes, view->bigEndian, value);
+        plcPutReal(view->type, bytes, view->order, value);
         return 0;
     }
     if (isnan(value))
@@ -386,7 +400,7 @@ int plcAsynPutReal(const plcAsynView *view, double value, void *bytes, char *err
         whole = view->high;
     else
         whole = (epicsInt64)value;
-    plcPutInt(view->type, bytes, view->bigEndian, whole);
+    plcPutInt(view->type, bytes, view->order, whole);
     return 0;
 }
 
@@ -403,5 +417,5 @@ void plcAsynPutArray(const plcAsynView *view, const void *values, void *bytes, s
     if (view->type->kind == plcBcd)
         plcBcdEncode(bytes, values, n);
     else
-        plcCopyElements(bytes, values, view->type->size, n, view->bigEndian);
+        plcCopyElements(bytes, values, view->type->size, n, view->order);
 }

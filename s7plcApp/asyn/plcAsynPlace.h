@@ -1,7 +1,7 @@
 /* What a drvInfo says: a place in the input or output block, and its bytes as the values of
  * one asyn interface.
  *
- *     [in|out] offset T=type L=low H=high B=bit R=readback
+ *     [in|out] offset T=type L=low H=high B=bit R=readback W=high|low
  *
  * Parser and codec are those of the records (plcLink, plcCodec). Knows the station; no asyn
  * port, no asynUser, no thread.
@@ -50,7 +50,7 @@ typedef struct plcAsynView {
     int bit;             /* B=, or -1 */
     int clips;           /* L= or H= was given: what is written is cut to low..high */
     epicsInt64 low, high;
-    int bigEndian;
+    int order;           /* of its bytes: plcCodec.h */
     int hasReadback;     /* the input block shows it at */
     size_t readback;     /* this offset */
     epicsUInt8 mask[PLC_ASYN_SCALAR]; /* with B=: its bit, in wire order */

@@ -59,6 +59,7 @@ typedef struct plcAsynPort {
     /* owned by the port's thread */
     char *block, *before; /* the block that is told, and the one told before */
     epicsTimeStamp stamp;
+    epicsUInt64 look; /* when an output has to be looked at again; ns */
     int good;      /* block is valid */
     int announced; /* asyn knows that we are connected */
     char *scratch; /* as large as the larger block */
@@ -89,6 +90,7 @@ typedef struct plcAsynUser {
     asynUser *own;  /* a copy, for the callbacks */
     plcAsynCallback callback;
     void *userPvt;
+    epicsUInt64 joined; /* when; ns, 0: not while the IOC starts, or long ago */
     int told;    /* it has a value that is valid */
     int gone;    /* cancelled while it was called back */
     int refused; /* its last write was refused: it gets the PLC's value, with the alarm */

@@ -195,3 +195,312 @@ def test_too_large(new_peer, new_asyn):
     assert ioc.severity("small") == "NO_ALARM"
     assert peer.wait_block(bytes([255, 5]) + bytes(14))
     assert b"\x2c" not in b"".join(peer.blocks())
+
+
+# --- drvInfo ---------------------------------------------------------------------------------------
+BAD = [  # what is wrong, drvInfo, record type, DTYP, the message
+    ("no type of this name", "0 T=INT99", "ai", "asynInt32",
+     "T=INT99 is no data type; allowed: INT8 UINT8 INT16"),
+    ("no offset", "out", "ao", "asynInt32", "no offset; allowed: [in|out] offset T=type"),
+    ("an offset that is none", "inn 0", "ai", "asynInt32",
+     'offset "inn" is no number; allowed: such as 20 or 20+2'),
+    ("an unknown option", "0 T=INT16 X=3", "ai", "asynInt32",
+     'unknown option "X=3"; allowed: T= L= H= B= R='),
+    ("beyond the input block", "15 T=INT16", "ai", "asynInt32",
+     "15 + 2 bytes exceed the input block; inSize is 16"),
+    ("beyond the output block", "out 16 T=BYTE", "ao", "asynInt32",
+     "16 + 1 bytes exceed the output block; outSize is 16"),
+    ("a read-back of an input", "0 T=INT16 R=4", "ai", "asynInt32",
+     "R= (read-back) is for outputs only; allowed: out offset T=type R="),
+    ("a read-back beyond the block", "out 0 T=INT32 R=14", "ao", "asynInt32",
+     "14 + 4 bytes exceed the input block; inSize is 16"),
+    ("a bit too high", "0 T=BYTE B=8", "bi", "asynInt32", "B=8: UINT8 has bits 0 to 7"),
+    ("a bit of a float", "0 T=REAL32 B=1", "bi", "asynInt32",
+     "B= is for whole numbers only, not REAL32"),
+    ("a type that the interface has not", "0 T=REAL32", "longin", "asynInt32",
+     "T=REAL32 does not fit asynInt32; allowed: INT8 UINT8 INT16 UINT16 INT32 UINT32"),
+    ("a type too wide", "0 T=INT64", "longin", "asynInt32",
+     "T=INT64 does not fit asynInt32; allowed: INT8 UINT8 INT16 UINT16 INT32 UINT32"),
+    ("a number as a string", "0 T=INT16", "stringin", "asynOctetRead",
+     "T=INT16 does not fit asynOctet; allowed: STRING"),
+    ("a string without characters", "0 T=STRING L=0", "stringin", "asynOctetRead",
+     "L=0; allowed for asynOctet: 1 element or more"),
+    ("an array too long", "0 T=INT16 L=9", "waveform", "asynInt16ArrayIn",
+     "bytes exceed the input block; inSize is 16"),
+    ("elements of another size", "0 T=INT32", "waveform", "asynInt16ArrayIn",
+     "T=INT32 does not fit asynInt16Array; allowed: INT8 UINT8 INT16 UINT16"),
+    ("smaller elements", "0 T=INT8", "waveform", "asynInt16ArrayIn",
+     "T=INT8 does not fit asynInt16Array; allowed: types of 2 bytes"),
+    ("limits the wrong way round", "0 T=INT16 L=5 H=4", "ai", "asynInt32",
+     "L=5 H=4: L must be less than H"),
+    ("one bit of an array", "0 T=INT16 B=4", "waveform", "asynInt16ArrayIn",
+     "B= (one bit) does not fit asynInt16Array"),
+    ("a read-back of unknown length", "out 0 T=INT16 R=0", "aao", "asynInt16ArrayOut",
+     "R= needs the length; allowed: L=elements"),
+]
+
+
+def test_bad_drvinfo(new_peer, new_asyn):
+    """each mistake in a drvInfo gives one line: port, text, what is wrong, what is allowed"""
+    peer = new_peer(16, 16)
+    db = ""
+    for i, (_, info, rtype, dtyp, _) in enumerate(BAD):
+        fields = dict(FTVL="SHORT", NELM="4") if rtype in ("waveform", "aao") else {}
+        db += record(rtype, f"bad{i}", dtyp, f"@asyn(A){info}", **fields)
+    ioc = new_asyn(peer.configure(), db)
+    peer.wait_connected()
+    peer.send(bytes(16))
+    for i, (what, info, rtype, dtyp, message) in enumerate(BAD):
+        ioc.put(f"bad{i}.PROC", 1, wait=False)  # asyn leaves refused records at PACT=1
+        ioc.wait_log(f's7plcAsyn A "{info}": ')
+        lines = [line for line in ioc.log.splitlines()
+                 if f's7plcAsyn A "{info}": ' in line]
+        assert len(lines) == 1, (what, lines, ioc.log)
+        assert message in lines[0], what
+        until_equal(lambda: ioc.severity(f"bad{i}"), "INVALID")
+    # what device support prints carries the message too
+    assert 'A "0 T=INT99": T=INT99 is no data type' in ioc.log.split("drvUserCreate", 1)[1]
+
+
+def test_forms(new_peer, new_asyn):
+    """in, a slash and small letters may stand in a drvInfo, as in the links of records"""
+    peer = new_peer(16, 16)
+    texts = ["2 T=INT16", "/2 T=INT16", "in 2 T=INT16", "in /2", "IN/2 t=short", " 1+1  T=INT16"]
+    db = "".join(record("longin", f"v{i}", "asynInt32", f"@asyn(A){text}", SCAN="I/O Intr")
+                 for i, text in enumerate(texts))
+    db += record("longout", "o", "asynInt32", "@asyn(A,0,1)OUT/2+2 T=INT16")
+    ioc = new_asyn(peer.configure(recv_timeout=60000, send_interval=20), db)
+    peer.wait_connected()
+    peer.send(struct.pack(">hh12x", 1, 4711))
+    for i in range(len(texts)):
+        ioc.wait_value(f"v{i}", 4711)
+    ioc.put("o", 5)
+    peer.wait_block(struct.pack(">hhh10x", 0, 0, 5))
+
+
+@pytest.mark.parametrize("line, message", [
+    ('drvAsynS7plcConfigure("A", "Nemo")', 'no PLC "Nemo"; configured: PLC'),
+    ('drvAsynS7plcConfigure("A B", "PLC")', "a port name has no blanks, commas or brackets"),
+    ('drvAsynS7plcConfigure("", "PLC")', "the name of the port is missing"),
+    ('drvAsynS7plcConfigure("A", "PLC")\ndrvAsynS7plcConfigure("B", "PLC")',
+     "this PLC has an asyn port already"),
+    ('drvAsynS7plcConfigure("A", "PLC", "soon")', "initialWait=soon; allowed: 0 to 60000 ms"),
+], ids=["no such PLC", "a blank in the name", "no name", "a second port", "a bad number"])
+def test_bad_configure(new_peer, new_asyn, line, message):
+    """drvAsynS7plcConfigure says what is wrong: {id}"""
+    peer = new_peer(16, 16)
+    ioc = new_asyn(peer.configure(), record("longin", "x", "Soft Channel", "5"), port=line)
+    lines = [text for text in ioc.log.splitlines() if message in text and "echo" not in text]
+    assert len(lines) == 1 and "drvAsynS7plcConfigure" in lines[0], ioc.log
+
+
+def test_wrong_use(new_peer, new_asyn):
+    """an input cannot be written, other addresses than 0 are refused, both with the reason"""
+    peer = new_peer(16, 16)
+    ioc = new_asyn(peer.configure(recv_timeout=60000),
+                   record("longout", "w", "asynInt32", "@asyn(A)0 T=INT16")
+                   + record("longin", "addr", "asynInt32", "@asyn(A,1)0 T=INT16"))
+    peer.wait_connected()
+    peer.send(bytes(16))
+    ioc.put("w", 3)
+    assert ioc.alarm("w")[:2] == ("INVALID", "WRITE")
+    ioc.wait_log('is in the input block; to write: "out 0 T=INT16"')
+    assert "address 1; a PLC is one device; allowed: 0" in ioc.log
+
+
+# --- loss, alarms, connection --------------------------------------------------------------------
+def test_loss(new_peer, new_asyn):
+    """when data is lost inputs turn COMM/INVALID at once, and are told again when it is back"""
+    peer = new_peer(32, 0)
+    ioc = new_asyn(peer.configure(recv_timeout=60000), input_records())
+    peer.wait_connected()
+    peer.send(BLOCK)
+    pairs_equal(ioc)
+    peer.hang_up()
+    for name, *_ in INPUTS:
+        ioc.wait_alarm(f"asyn:{name}", "INVALID", "COMM")
+    assert ioc.get("asyn:ai16") == -1234
+    peer.wait_connected(2)
+    peer.send(struct.pack(">h", 77) + BLOCK[2:])
+    ioc.wait_value("asyn:ai16", 77)
+    for name, *_ in INPUTS:
+        ioc.wait_alarm(f"asyn:{name}", "NO_ALARM")
+    pairs_equal(ioc)
+
+
+def test_silence(new_peer, new_asyn):
+    """a PLC that is connected but silent gives COMM/INVALID, polled as well as by I/O Intr"""
+    peer = new_peer(16, 0)
+    ioc = new_asyn(peer.configure(recv_timeout=300),
+                   record("longin", "poll", "asynInt32", "@asyn(A)0", SCAN=".1 second")
+                   + record("longin", "intr", "asynInt32", "@asyn(A)0", SCAN="I/O Intr"))
+    assert ioc.get("intr.UDF") == 1  # never before the first block
+    ioc.wait_alarm("poll", "INVALID", "COMM")
+    peer.wait_connected()
+    peer.every(0.05, struct.pack(">h14x", 9))
+    ioc.wait_value("poll", 9)
+    ioc.wait_value("intr", 9)
+    peer.stop_sending()
+    for name in ("poll", "intr"):
+        ioc.wait_alarm(name, "INVALID", "COMM")
+
+
+def test_changed(new_peer, new_asyn):
+    """with scan=changed only those are called back whose bytes changed"""
+    peer = new_peer(16, 0)
+    db = "".join(
+        record("longin", name, "asynInt32", f"@asyn(A){place}", SCAN="I/O Intr",
+               FLNK=f"$(P){name}n")
+        + f'record(calc, "$(P){name}n") {{ field(INPA, "$(P){name}n") field(CALC, "A+1") }}\n'
+        for name, place in (("a", "0"), ("b", "2"), ("bit", "4 T=BYTE B=0"), ("end", "14")))
+    ioc = new_asyn(peer.configure(recv_timeout=60000), db, options=["scan changed"])
+    peer.wait_connected()
+
+    def send(a, b, bits, end):
+        peer.send(struct.pack(">hhB9xh", a, b, bits, end))
+        ioc.wait_value("end", end)
+
+    send(1, 1, 0, 1)
+    send(1, 2, 0xFE, 2)
+    send(3, 2, 0xFC, 3)
+    send(3, 4, 0xFD, 4)
+    assert [ioc.get(f"{n}n") for n in ("a", "b", "bit", "end")] == [2, 3, 2, 4]
+
+
+def test_every_block(new_peer, new_asyn):
+    """without scan=changed each block calls back, changed or not"""
+    peer = new_peer(16, 0)
+    db = (record("longin", "a", "asynInt32", "@asyn(A)0", SCAN="I/O Intr", FLNK="$(P)n")
+          + 'record(calc, "$(P)n") { field(INPA, "$(P)n") field(CALC, "A+1") }\n')
+    ioc = new_asyn(peer.configure(recv_timeout=60000), db)
+    peer.wait_connected()
+    for count in range(1, 20):
+        peer.send(bytes(16))
+        ioc.wait_value("n", count)
+
+
+def test_scan_at_run_time(new_peer, new_asyn):
+    """a record that joins I/O Intr later is told at the next block, one that leaves is not"""
+    peer = new_peer(16, 0)
+    ioc = new_asyn(peer.configure(recv_timeout=60000),
+                   record("longin", "a", "asynInt32", "@asyn(A)0")
+                   + record("waveform", "w", "asynInt16ArrayIn", "@asyn(A)0 T=INT16", NELM="2",
+                            FTVL="SHORT")
+                   + record("longin", "end", "asynInt32", "@asyn(A)2", SCAN="I/O Intr"),
+                   options=["scan changed"])
+    peer.wait_connected()
+    for turn in range(20):
+        for name in ("a", "w"):
+            ioc.put(f"{name}.SCAN", "I/O Intr")
+        peer.send(struct.pack(">hh12x", 5, 2 * turn))
+        ioc.wait_value("a", 5)
+        ioc.wait_value("w", [5, 2 * turn])
+        for name in ("a", "w"):
+            ioc.put(f"{name}.SCAN", "Passive")
+        peer.send(struct.pack(">hh12x", 6, 2 * turn + 1))
+        ioc.wait_value("end", 2 * turn + 1)
+        assert ioc.get("a") == 5
+        peer.send(struct.pack(">hh12x", 5, 2 * turn + 1))
+
+
+# --- outputs that the PLC shows --------------------------------------------------------------------
+RB = dict(info_asyn_READBACK="1")
+
+
+def test_initial_value(new_sim, new_asyn):
+    """outputs with R= start from the PLC's value, and nothing is written because of it"""
+    sim = new_sim("name = PLC1\nport = 0\nin = 32\nout = 16\nbyteorder = big\nperiod = 20 ms\n"
+                  "signal 16 INT16 constant 1234\nsignal 18 REAL32 constant 2.5\n"
+                  "signal 22 UINT8 constant 8\n")
+    db = (record("longout", "long", "asynInt32", "@asyn(A)out 0 T=INT16 R=16")
+          + record("ao", "real", "asynFloat64", "@asyn(A)out 2 T=REAL32 R=18")
+          + record("bo", "bit", "asynInt32", "@asyn(A)out 6 T=BYTE B=3 R=22")
+          + record("ao", "lin", "asynInt32", "@asyn(A)out 0 T=INT16 L=0 H=10000 R=16",
+                   LINR="LINEAR", EGUL="0", EGUF="100")
+          + record("longout", "none", "asynInt32", "@asyn(A)out 8 T=INT16", VAL="-3")
+          + record("longin", "blocks", "S7plc stats", "@PLC/blocksOut"))
+    ioc = new_asyn(f's7plcConfigure("PLC", "127.0.0.1", {sim.port}, 32, 16, 1, 2000, 50)', db,
+                   port='drvAsynS7plcConfigure("A", "PLC", 30000)')
+    assert ioc.get("long") == 1234
+    assert ioc.get("real") == 2.5
+    assert ioc.get("bit") == 1
+    assert ioc.get("lin") == pytest.approx(12.34)
+    assert ioc.get("none") == -3
+    ioc.process_record("blocks")
+    assert ioc.get("blocks") == 0
+
+
+def test_readback(new_peer, new_asyn):
+    """asyn:READBACK shows what the PLC shows at R=, but not an older value after a put"""
+    peer = new_peer(16, 8)
+    db = (record("longout", "o", "asynInt32", "@asyn(A)out 0 T=INT16 R=0", FLNK="$(P)n", **RB)
+          + record("longin", "end", "asynInt32", "@asyn(A)14", SCAN="I/O Intr")
+          + 'record(calc, "$(P)n") { field(INPA, "$(P)n") field(CALC, "A+1") }\n')
+    ioc = new_asyn(peer.configure(recv_timeout=60000, send_interval=20), db,
+                   port='drvAsynS7plcConfigure("A", "PLC", 0)')
+    peer.wait_connected()
+    ends = iter(range(1, 100))
+
+    def shows(value):
+        end = next(ends)
+        peer.send(struct.pack(">h12xh", value, end))
+        ioc.wait_value("end", end)
+
+    shows(5)
+    ioc.wait_value("o", 5)
+    shows(6)
+    ioc.wait_value("o", 6)
+    assert peer.blocks() == []
+    count = ioc.get("n")
+    ioc.put("o", 7)
+    peer.wait_block(struct.pack(">h6x", 7))
+    shows(6)  # was on its way before the PLC had the 7
+    shows(7)
+    assert ioc.get("o") == 7
+    assert ioc.get("n") == count + 1  # the put, and no callback
+    shows(8)
+    ioc.wait_value("o", 8)
+    assert peer.blocks() == [struct.pack(">h6x", 7)]
+
+
+def test_readback_track(new_peer, new_asyn):
+    """with track=on asyn:READBACK shows the output image, which follows the PLC"""
+    peer = new_peer(16, 8)
+    db = (record("longout", "o", "asynInt32", "@asyn(A)out 0 T=INT16 R=0", **RB)
+          + record("ao", "s7", "S7plc", "@PLC/0 T=INT16 R=0")
+          + record("bo", "bit", "asynInt32", "@asyn(A)out 2 T=BYTE B=1 R=2", **RB)
+          + record("stringout", "text", "asynOctetWrite", "@asyn(A)out 4 L=4 R=4", **RB)
+          + record("longin", "end", "asynInt32", "@asyn(A)14", SCAN="I/O Intr"))
+    ioc = new_asyn(peer.configure(recv_timeout=60000, send_interval=20), db, options=["track on"])
+    peer.wait_connected()
+    for value in (3, 4, 5):
+        peer.send(struct.pack(">hBx4s6xh", value, 2 * (value & 1), b"t%d" % value, value))
+        for name in ("o", "s7"):
+            ioc.wait_value(name, value)
+        ioc.wait_value("bit", value & 1)
+        ioc.wait_value("text", f"t{value}")
+    ioc.put("s7", 9)
+    ioc.wait_value("o", 9)
+    ioc.put("o", 10)
+    peer.wait_block(lambda block: block[:2] == b"\0\x0a")
+
+
+def test_readback_of_others(new_peer, new_asyn):
+    """without R= asyn:READBACK shows what other records write to the place"""
+    peer = new_peer(0, 8)
+    db = (record("longout", "a", "asynInt32", "@asyn(A)out 0 T=INT16", **RB)
+          + record("longout", "b", "asynInt32", "@asyn(A)out 0 T=INT16", **RB)
+          + record("longin", "in", "asynInt32", "@asyn(A)out 0 T=INT16", SCAN="I/O Intr")
+          + record("aao", "array", "asynInt8ArrayOut", "@asyn(A)out 0 T=UINT8 L=4",
+                   FTVL="UCHAR", NELM="4", **RB))
+    ioc = new_asyn(peer.configure(send_interval=20), db)
+    peer.wait_connected()
+    until(lambda: "connected" in ioc.command("asynReport 0 A"))
+    ioc.put("a", 258)
+    for name in ("b", "in"):
+        ioc.wait_value(name, 258)
+    ioc.wait_value("array", [1, 2, 0, 0])
+    ioc.put("array", [3, 4, 5, 6])
+    for name in ("a", "b", "in"):
+        ioc.wait_value(name, 772)
+    peer.wait_block(bytes([3, 4, 5, 6, 0, 0, 0, 0]))
