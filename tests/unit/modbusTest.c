@@ -6,6 +6,8 @@
 #include <string.h>
 #include <unistd.h>
 
+#include <sys/resource.h>
+
 #include <modbus/modbus.h>
 
 #include <cantProceed.h>
@@ -69,8 +71,7 @@ typedef struct plc {
     plcSeen log[logSize];
     unsigned logged;
     int unit;
-    int ending;
-    int connected;
+    int connected, socket;
 } plc;
 
 static plcSeen look(const epicsUInt8 *q)
@@ -126,7 +127,7 @@ static void dribble(int fd, const epicsUInt8 *a, int n)
     for (i = 0; i < n; i++) {
         if (toolSend(fd, a + i, 1))
             return;
-        epicsThreadSleep(0.03);
+        epicsThreadSleep(0.2);
     }
 }
 
@@ -229,6 +230,7 @@ static void plcThread(void *arg)
     while (modbus_tcp_accept(p->context, &p->listener) >= 0) {
         epicsMutexMustLock(p->lock);
         p->connected = 1;
+        p->socket = modbus_get_socket(p->context);
         epicsMutexUnlock(p->lock);
         serve(p);
     }
@@ -295,6 +297,26 @@ static void plcForget(plc *p)
     epicsMutexUnlock(p->lock);
 }
 
+static unsigned plcLogged(plc *p)
+{
+    unsigned n;
+
+    epicsMutexMustLock(p->lock);
+    n = p->logged;
+    epicsMutexUnlock(p->lock);
+    return n;
+}
+
+static plcSeen plcLog(plc *p, unsigned i)
+{
+    plcSeen s;
+
+    epicsMutexMustLock(p->lock);
+    s = p->log[i];
+    epicsMutexUnlock(p->lock);
+    return s;
+}
+
 /* How many requests of this function (0: any) touched the address? */
 static unsigned plcAsked(plc *p, int function, unsigned address)
 {
@@ -333,6 +355,25 @@ static unsigned plcCoil(plc *p, unsigned address)
     value = p->memory->tab_bits[address];
     epicsMutexUnlock(p->lock);
     return value;
+}
+
+static int plcUnit(plc *p)
+{
+    int unit;
+
+    epicsMutexMustLock(p->lock);
+    unit = p->unit;
+    epicsMutexUnlock(p->lock);
+    return unit;
+}
+
+/* The PLC closes, whatever it does. */
+static void plcHangUp(plc *p)
+{
+    epicsMutexMustLock(p->lock);
+    if (p->connected)
+        shutdown(p->socket, SHUT_RDWR);
+    epicsMutexUnlock(p->lock);
 }
 
 static int plcConnected(plc *p)
@@ -461,7 +502,7 @@ static void take(world *w)
     if (n.unread[0])
         strcpy(w->all.unread, n.unread);
     if (n.log[0] && strlen(w->log) + strlen(n.log) + 2 < sizeof(w->log))
-        strcat(strcat(w->log, n.log), "\n");
+        strcat(strcat(w->log, n.log), "; ");
 }
 
 /* Until the condition is true; news are taken whenever there are some. */
@@ -511,6 +552,11 @@ static const char *fault(plcFaults *faults, size_t offset, size_t length)
     return reason;
 }
 
+static int isSame(plcSeen a, plcSeen b)
+{
+    return a.function == b.function && a.start == b.start && a.count == b.count;
+}
+
 /* --- Reads --------------------------------------------------------------------------- */
 
 static void testInputs(void)
@@ -528,9 +574,9 @@ static void testInputs(void)
     testOk(w->all.shown == 1 && get16(w->output) == 0x11f4 && get16(w->output + 6) == 0x11f7,
            "the outputs are shown first");
     for (i = 0; i < COUNT(expected); i++)
-        good &= memcmp(&p->log[i], &expected[i], sizeof(expected[i])) == 0;
+        good &= isSame(plcLog(p, i), expected[i]);
     testOk(good, "outputs first, then all ranges in order, no more requests than needed");
-    testOk(p->unit == 7, "the unit");
+    testOk(plcUnit(p) == 7, "the unit");
     for (i = 0, good = 1; i < 300; i++)
         good &= get16(w->input + 2 * i) == 0x100a + i;
     testOk(good, "holding registers");
@@ -607,7 +653,7 @@ static void testRefusedRange(void)
     plcForget(p);
     blocks = w->all.blocks;
     UNTIL(w, w->all.blocks > blocks + 1 && plcAsked(p, 3, 99));
-    testOk(p->log[0].count <= 50, "from then on each is read by itself");
+    testOk(plcLog(p, 0).count <= 50, "from then on each is read by itself");
     plcSetRules(p, NULL, 0);
     UNTIL(w, !fault(w->inFaults, 100, 100)[0]);
     blocks = w->all.blocks;
@@ -650,7 +696,7 @@ static void testWrites(void)
     sendOrders(w);
     UNTIL(w, w->all.writes == 1 && w->all.idle);
     testOk(plcRegister(p, 103) == 0x1234 && plcRegister(p, 102) == 0x1066 &&
-               plcRegister(p, 104) == 0x1068 && plcAsked(p, 16, 103) == 1 && p->logged == 1,
+               plcRegister(p, 104) == 0x1068 && plcAsked(p, 16, 103) == 1 && plcLogged(p) == 1,
            "one register: one FC16, its neighbours untouched");
     plcForget(p);
     for (i = 0; i < 200; i++)
@@ -659,7 +705,7 @@ static void testWrites(void)
     UNTIL(w, w->all.writes == 3 && w->all.idle);
     for (i = 0, good = 1; i < 200; i++)
         good &= plcRegister(p, 100 + i) == 0x4000 + i;
-    testOk(good && p->logged == 2 && p->log[0].count == 123, "200 registers: two requests");
+    testOk(good && plcLogged(p) == 2 && plcLog(p, 0).count == 123, "200 registers: two requests");
     plcForget(p);
     putBit(w, 6, 0, 1);
     putBit(w, 6, 7, 0);
@@ -667,7 +713,7 @@ static void testWrites(void)
     plcSetRegister(p, 103, 0xaaaa);
     sendOrders(w);
     UNTIL(w, w->all.writes == 4 && w->all.idle);
-    testOk(plcRegister(p, 103) == 0x2baa && plcAsked(p, 22, 103) == 1 && p->logged == 1,
+    testOk(plcRegister(p, 103) == 0x2baa && plcAsked(p, 22, 103) == 1 && plcLogged(p) == 1,
            "bits of a register: FC22, 0x%x", plcRegister(p, 103));
     plcForget(p);
     for (i = 8; i < 32; i++)
@@ -676,8 +722,8 @@ static void testWrites(void)
     UNTIL(w, w->all.writes == 5 && w->all.idle);
     for (i = 8, good = 1; i < 32; i++)
         good &= plcCoil(p, i) == i % 2;
-    testOk(good && plcCoil(p, 6) == 1 && plcCoil(p, 33) == 1 && p->log[0].count == 24 &&
-               p->logged == 1, "coils: one FC15");
+    testOk(good && plcCoil(p, 6) == 1 && plcCoil(p, 33) == 1 && plcLog(p, 0).count == 24 &&
+               plcLogged(p) == 1, "coils: one FC15");
     plcForget(p);
     w->options.singleWrite = 1;
     setOptions(w);
@@ -717,7 +763,7 @@ static void testLastValue(void)
     plcSetRules(p, NULL, 0);
     epicsEventSignal(p->release);
     UNTIL(w, w->all.writes == 2 && w->all.idle);
-    testOk(plcRegister(p, 1) == 50 && plcRegister(p, 2) == 99 && p->logged == 2,
+    testOk(plcRegister(p, 1) == 50 && plcRegister(p, 2) == 99 && plcLogged(p) == 2,
            "fifty puts while a request is under way: one more request, the last value");
     worldDestroy(w);
     plcDestroy(p);
@@ -782,7 +828,6 @@ static void testCodes(void)
     world *w = worldCreate(p, "", "holding 0 4", 1);
     size_t i;
 
-    w->options.requestTimeout = 200;
     start(w, NULL, NULL);
     UNTIL(w, w->all.shown);
     for (i = 0; i < COUNT(codes); i++) {
@@ -791,8 +836,8 @@ static void testCodes(void)
         plcExceptionText(codes[i], text, sizeof(text));
         epicsSnprintf(expected, sizeof(expected), "PLC: %.34s", text);
         plcOneRule(p, 16, 0, 9, refuses, codes[i]);
-        if (codes[i] == 5) { /* as short as it may be, for those that are asked again */
-            w->options.requestTimeout = 50;
+        if (codes[i] == 5) { /* those that are asked again */
+            w->options.requestTimeout = 1000;
             setOptions(w);
         }
         if (codes[i] == 7) {
@@ -930,10 +975,10 @@ static void testHeartbeat(void)
     UNTIL(w, plcRegister(p, 900) > first + 2);
     testOk(plcAsked(p, 6, 900) >= plcRegister(p, 900) && plcRegister(p, 900) > first + 2,
            "the heartbeat register counts up, one by one");
-    testOk(p->log[0].function == 3, "the outputs are read first");
+    testOk(plcLog(p, 0).function == 3, "the outputs are read first");
     plcOneRule(p, 6, 900, 900, refuses, 2);
     UNTIL(w, w->log[0]);
-    testOk(strcmp(w->log, "heartbeat register 900: PLC: exception 2, illegal data address\n") ==
+    testOk(strcmp(w->log, "heartbeat register 900: PLC: exception 2, illegal data address; ") ==
                0, "refused: %s", w->log);
     plcSetRules(p, NULL, 0);
     UNTIL(w, strstr(w->log, "again"));
@@ -951,8 +996,9 @@ static const struct {
     int late;
 } losses[] = {
     {isSilent,      50,                "no answer for 50 ms",                     1},
-    {stopsWithin,   50,                "answer is not complete after 50 ms",      1},
-    {dribbles,      100,               "answer is not complete after 100 ms",     1},
+    {isSilent,      1100,              "no answer for 1.1 s",                     1},
+    {stopsWithin,   1000,              "answer is not complete after 1.0 s",      1},
+    {dribbles,      1000,              "answer is not complete after 1.0 s",      1},
     {closes,        PATIENCE_S * 1000, "connection closed by PLC",                0},
     {closesWithin,  PATIENCE_S * 1000, "closed by PLC within an answer",          0},
     {wrongNumber,   PATIENCE_S * 1000, "bad answer: wrong transaction number",    0},
@@ -1001,7 +1047,7 @@ static void testLosses(void)
     plcSetRules(p, NULL, 0);
     start(w, NULL, NULL);
     UNTIL(w, w->all.shown);
-    shutdown(modbus_get_socket(p->context), SHUT_RDWR);
+    plcHangUp(p);
     UNTIL(w, w->all.lost);
     testOk(strcmp(w->all.why, "connection closed by PLC") == 0, "idle: %s", w->all.why);
     worldDestroy(w);
@@ -1111,9 +1157,78 @@ static void testBusy(void)
     plcDestroy(p);
 }
 
+/* --- Descriptors --------------------------------------------------------------------- */
+
+enum { fillers = 1200 };
+
+static void openAll(int *fds)
+{
+    int i;
+
+    for (i = 0; i < fillers; i++)
+        fds[i] = open("/dev/null", O_RDONLY | O_CLOEXEC);
+}
+
+static void closeAll(int *fds)
+{
+    int i;
+
+    for (i = 0; i < fillers; i++)
+        close(fds[i]);
+}
+
+static void testDescriptors(void)
+{
+    plc *p = plcCreate();
+    world *w = worldCreate(p, "holding 0 10", "holding 20 10", 1), *late;
+    struct rlimit limit;
+    int fds[fillers], more[fillers], low, pair[2];
+
+    getrlimit(RLIMIT_NOFILE, &limit);
+    limit.rlim_cur = limit.rlim_max;
+    if (limit.rlim_max < 3 * fillers || setrlimit(RLIMIT_NOFILE, &limit)) {
+        testSkip(3, "not allowed to open so many descriptors");
+        worldDestroy(w);
+        plcDestroy(p);
+        return;
+    }
+    low = connectTo(p);
+    WAIT_FOR(plcConnected(p)); /* the server's descriptor must be a low one */
+    openAll(fds);
+    w->socket = fcntl(low, F_DUPFD, 1100);
+    dup2(fds[0], low);
+    plcModbusStart(w->modbus, w->socket, NULL, NULL);
+    UNTIL(w, w->all.blocks && w->all.shown);
+    putRegister(w, 3, 0x7777);
+    sendOrders(w);
+    UNTIL(w, w->all.writes == 1);
+    testOk(w->socket >= 1100 && w->all.blocks && plcRegister(p, 23) == 0x7777 && !w->all.lost,
+           "%d descriptors are open: reads and writes", fillers);
+    worldDestroy(w);
+    openAll(more);
+    late = worldCreate(p, "holding 0 10", "holding 20 10", 1);
+    if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, pair))
+        testAbort("no sockets");
+    plcModbusStart(late->modbus, pair[0], NULL, NULL);
+    UNTIL(late, late->all.lost);
+    testOk(strcmp(late->all.why, "no descriptor below 1024 for Modbus") == 0,
+           "without a low one: %s", late->all.why);
+    plcModbusStop(late->modbus);
+    closeAll(fds);
+    closeAll(more);
+    close(low);
+    close(pair[0]);
+    close(pair[1]);
+    start(late, NULL, NULL);
+    UNTIL(late, late->all.blocks);
+    testOk(late->all.blocks && !late->all.lost, "as soon as there is one: connected");
+    worldDestroy(late);
+    plcDestroy(p);
+}
+
 MAIN(modbusTest)
 {
-    testPlan(97);
+    testPlan(102);
     testInputs();
     testLittleEndian();
     testPeriods();
@@ -1131,5 +1246,6 @@ MAIN(modbusTest)
     testOldOrders();
     testDestroy();
     testBusy();
+    testDescriptors();
     return testDone();
 }
