@@ -2,8 +2,8 @@
  *
  * The worker's thread alone uses `session` and calls libmodbus, never with the lock held.
  * What goes between it and the station's thread is in the structure under the lock. Each
- * start and stop makes a new generation: the worker gives nothing away, and takes nothing,
- * when its session is of an older one.
+ * start and stop makes a new generation: the worker gives nothing away, and takes
+ * nothing, when its session is of an older one.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -45,15 +45,15 @@ typedef struct session {
     plcModbusOptions options;   /* a copy, made before each step */
     turn *turns;
     unsigned turnCount, room;
-    epicsUInt64 round;          /* reads due by then belong to this round; 0: none */
-    int inputsRead;             /* some, in this round */
-    int inputsTried;            /* all of them, once */
+    epicsUInt64 round; /* reads due by then belong to this round; 0: none */
+    int inputsRead;    /* some, in this round */
+    int inputsTried;   /* all of them, once */
     int outputsTried;
     char refusal[PLC_REASON_SIZE]; /* of an output range, in this round; "": none */
     char unread[PLC_REASON_SIZE];  /* why the outputs are not shown; "": they are */
-    int knowsIn, knowsOut;      /* where values lie */
-    int noMaskWrite;            /* the PLC has no FC22 */
-    epicsUInt64 beat;           /* ns, when the heartbeat is due */
+    int knowsIn, knowsOut;         /* where values lie */
+    int noMaskWrite;               /* the PLC has no FC22 */
+    epicsUInt64 beat;              /* ns, when the heartbeat is due */
     int beatRefused;
 } session;
 
@@ -68,8 +68,8 @@ struct plcModbus {
     int ending;
     plcModbusOptions options;
     unsigned generation;
-    int running;              /* started and not stopped */
-    SOCKET handed;            /* for the worker; INVALID_SOCKET: none */
+    int running;   /* started and not stopped */
+    SOCKET handed; /* for the worker; INVALID_SOCKET: none */
     epicsUInt8 *glueIn, *glueOut;
     int knowsIn, knowsOut;    /* glue was given */
     epicsUInt8 *order, *owed; /* newest values, and which bits have not left */
@@ -77,23 +77,23 @@ struct plcModbus {
     int writing;              /* a write is under way */
     plcModbusNews news;
     int hasNews;
-    unsigned moreLog;         /* lines for which there was no room */
+    unsigned moreLog; /* lines for which there was no room */
     epicsUInt8 *inNews, *outNews;
 
     /* the worker's own */
     session session;
-    epicsUInt8 *in, *out;            /* the images as the PLC has them */
-    epicsUInt8 *leaving, *values;    /* bits that a plan writes, and their values */
+    epicsUInt8 *in, *out;         /* the images as the PLC has them */
+    epicsUInt8 *leaving, *values; /* bits that a plan writes, and their values */
     epicsUInt8 *ownGlueIn, *ownGlueOut;
     plcPiece *pieces;
     epicsUInt16 beatCount;
     epicsUInt16 registers[PLC_READ_REGISTERS];
-    epicsUInt8 bits[PLC_READ_BITS];  /* one each, as libmodbus has them */
+    epicsUInt8 bits[PLC_READ_BITS]; /* one each, as libmodbus has them */
 };
 
 static void worker(void *arg);
 
-/* --- Life ---------------------------------------------------------------------------- */
+/* --- Life ------------------------------------------------------------------------- */
 
 static void signalWorker(void *arg)
 {
@@ -110,8 +110,8 @@ static void *zeroed(size_t size)
 plcModbus *plcModbusCreate(const plcModbusSetup *setup)
 {
     plcModbus *m = zeroed(sizeof(*m));
-    unsigned most = setup->inputCount > setup->outputCount ? setup->inputCount
-                                                           : setup->outputCount;
+    unsigned most =
+        setup->inputCount > setup->outputCount ? setup->inputCount : setup->outputCount;
 
     epicsSnprintf(m->name, sizeof(m->name), "%s-mb", setup->name);
     m->setup = *setup;
@@ -198,7 +198,7 @@ static void startThread(plcModbus *m)
         cantProceed("plcModbus %s: cannot start its thread\n", m->name);
 }
 
-/* --- For the station's thread -------------------------------------------------------- */
+/* --- For the station's thread ----------------------------------------------------- */
 
 void plcModbusSetOptions(plcModbus *m, const plcModbusOptions *options)
 {
@@ -247,7 +247,8 @@ void plcModbusStop(plcModbus *m)
 }
 
 /* Bits of `from` that are set in the mask, into `to`. */
-static void mix(epicsUInt8 *to, const epicsUInt8 *from, const epicsUInt8 *mask, size_t size)
+static void mix(epicsUInt8 *to, const epicsUInt8 *from, const epicsUInt8 *mask,
+                size_t size)
 {
     size_t i;
 
@@ -285,8 +286,9 @@ int plcModbusTake(plcModbus *m, plcModbusNews *news, void *input, void *output)
     if (m->news.shown)
         memcpy(output, m->outNews, m->setup.outSize);
     if (m->moreLog)
-        epicsSnprintf(news->log + strlen(news->log), sizeof(news->log) - strlen(news->log),
-                      " (and %u more)", m->moreLog);
+        epicsSnprintf(news->log + strlen(news->log),
+                      sizeof(news->log) - strlen(news->log), " (and %u more)",
+                      m->moreLog);
     memset(&m->news, 0, sizeof(m->news));
     m->hasNews = 0;
     m->moreLog = 0;
@@ -294,7 +296,7 @@ int plcModbusTake(plcModbus *m, plcModbusNews *news, void *input, void *output)
     return has;
 }
 
-/* --- What the worker tells ----------------------------------------------------------- */
+/* --- What the worker tells -------------------------------------------------------- */
 
 /* Locks, if the session is still the one that counts. Returns 0 when it is not. */
 static int enter(plcModbus *m)
@@ -363,10 +365,10 @@ static void giveUp(plcModbus *m)
     m->session.on = 0;
 }
 
-/* --- One request --------------------------------------------------------------------- */
+/* --- One request ------------------------------------------------------------------ */
 
-/* What kind of request needs what of libmodbus; the values are in m->registers or m->bits,
- * for FC22 the AND mask and the OR mask. */
+/* What kind of request needs what of libmodbus; the values are in m->registers or
+ * m->bits, for FC22 the AND mask and the OR mask. */
 static int call(plcModbus *m, const plcRequest *q)
 {
     modbus_t *context = plcModbusWireContext(m->wire);
@@ -390,7 +392,8 @@ static int call(plcModbus *m, const plcRequest *q)
     case 16:
         return modbus_write_registers(context, start, count, m->registers);
     default:
-        return modbus_mask_write_register(context, start, m->registers[0], m->registers[1]);
+        return modbus_mask_write_register(context, start, m->registers[0],
+                                          m->registers[1]);
     }
 }
 
@@ -408,8 +411,8 @@ static void countRequest(plcModbus *m, const plcExchange *x)
     m->hasNews = 1;
 }
 
-/* Returns 0, the code of an exception, or -1: the session is over. When that is because the
- * connection is lost, session.lost says why; the caller of all these functions tells it. */
+/* Returns 0, the code of an exception, or -1: the session is over. When that is because
+ * the connection is lost, session.lost says why; `step` tells it. */
 static int askOnce(plcModbus *m, const plcRequest *q)
 {
     plcExchange x;
@@ -464,7 +467,7 @@ static int ask(plcModbus *m, const plcRequest *q)
     }
 }
 
-/* --- Bits and registers in an image -------------------------------------------------- */
+/* --- Bits and registers in an image ----------------------------------------------- */
 
 static int isBits(plcTable table)
 {
@@ -545,10 +548,10 @@ static unsigned outPieces(plcModbus *m, const plcRequest *q)
                          m->setup.outputCount);
 }
 
-/* --- Writes -------------------------------------------------------------------------- */
+/* --- Writes ----------------------------------------------------------------------- */
 
-/* A write's values are fetched when it leaves, so that they are the newest. Returns 0, or -1
- * when the session is over. */
+/* A write's values are fetched when it leaves, so that they are the newest. Returns 0, or
+ * -1 when the session is over. */
 static int fetchValues(plcModbus *m, const plcRequest *q)
 {
     unsigned i, n = outPieces(m, q);
@@ -609,7 +612,8 @@ static void settle(plcModbus *m, const plcRequest *q, const char *reason)
 static int readModifyWrite(plcModbus *m, const plcRequest *q, epicsUInt16 mask,
                            epicsUInt16 value)
 {
-    plcRequest read = {3, q->table, q->start, 1, 0}, write = {6, q->table, q->start, 1, 0};
+    plcRequest read = {3, q->table, q->start, 1, 0};
+    plcRequest write = {6, q->table, q->start, 1, 0};
     int status = ask(m, &read);
 
     if (status)
@@ -648,7 +652,7 @@ static int writeWhole(plcModbus *m, const plcRequest *q)
     return ask(m, q);
 }
 
-/* Can it help to ask for less? Not where the PLC refuses the function, or can do nothing. */
+/* Can it help to ask for less? Not where the PLC has no such function, or no time. */
 static int lessMayHelp(int code)
 {
     return code >= 2 && code <= 4;
@@ -662,8 +666,9 @@ static int refused(plcModbus *m, const plcRequest *q, int code)
     plcRequest half[2];
     char reason[PLC_REASON_SIZE];
 
-    if (lessMayHelp(code) && plcPlanHalve(m->setup.outputs, m->setup.outputCount,
-                                          m->session.knowsOut ? m->ownGlueOut : NULL, q, half))
+    if (lessMayHelp(code) &&
+        plcPlanHalve(m->setup.outputs, m->setup.outputCount,
+                     m->session.knowsOut ? m->ownGlueOut : NULL, q, half))
         return writeOne(m, &half[0]) || writeOne(m, &half[1]) ? -1 : 0;
     reasonOf(code, reason);
     if (q->function == 22 && code == 1 && !m->session.options.readModifyWrite)
@@ -672,7 +677,7 @@ static int refused(plcModbus *m, const plcRequest *q, int code)
     return 0;
 }
 
-/* Writes, in parts where the PLC refuses the whole. Returns 0, or -1: the session is over. */
+/* Writes, in parts where the PLC refuses the whole. Returns 0, or -1: session over. */
 static int writeOne(plcModbus *m, const plcRequest *request)
 {
     plcRequest q = *request;
@@ -720,7 +725,7 @@ static int writeAll(plcModbus *m)
     return status;
 }
 
-/* --- Heartbeat ----------------------------------------------------------------------- */
+/* --- Heartbeat -------------------------------------------------------------------- */
 
 /* The next time after `now` in step with `due`. */
 static epicsUInt64 nextTime(epicsUInt64 due, epicsUInt64 period, epicsUInt64 now)
@@ -753,7 +758,7 @@ static int beat(plcModbus *m)
     return 0;
 }
 
-/* --- Reads --------------------------------------------------------------------------- */
+/* --- Reads ------------------------------------------------------------------------ */
 
 static void addTurn(session *s, const plcRequest *q, int output, epicsUInt64 due)
 {
@@ -816,7 +821,8 @@ static void inputRead(plcModbus *m, turn *t, int code)
                                     reason);
         } else {
             store(m, q, p, m->in);
-            changed |= plcFaultsClear(m->setup.inFaults, p->offset, pieceBytes(q, p), mask);
+            changed |=
+                plcFaultsClear(m->setup.inFaults, p->offset, pieceBytes(q, p), mask);
         }
     }
     if (t->refused != !!code)
@@ -838,7 +844,8 @@ static void tellOutputs(plcModbus *m)
         return;
     if (!s->refusal[0]) {
         memcpy(m->outNews, m->out, m->setup.outSize);
-        mix(m->outNews, m->order, m->owed, m->setup.outSize); /* newer than what was read */
+        /* What is ordered is newer than what was read. */
+        mix(m->outNews, m->order, m->owed, m->setup.outSize);
         m->news.shown = 1;
         m->news.unread[0] = 0;
     } else if (strcmp(s->refusal, s->unread)) {
@@ -869,8 +876,9 @@ static void setDue(session *s, turn *t)
 {
     double period = t->output ? s->options.readPeriod : t->request.period;
 
-    t->due = period > 0 ? nextTime(t->due, (epicsUInt64)(period * MS), epicsMonotonicGet())
-                        : NEVER;
+    t->due = period > 0
+                 ? nextTime(t->due, (epicsUInt64)(period * MS), epicsMonotonicGet())
+                 : NEVER;
 }
 
 static int readTurn(plcModbus *m, unsigned at)
@@ -920,7 +928,8 @@ static epicsUInt64 pollRanges(plcModbus *m)
 {
     session *s = &m->session;
     unsigned first = firstTurn(s);
-    epicsUInt64 due = s->turnCount ? s->turns[first].due : NEVER, now = epicsMonotonicGet();
+    epicsUInt64 due = s->turnCount ? s->turns[first].due : NEVER;
+    epicsUInt64 now = epicsMonotonicGet();
 
     if (!s->round && due <= now)
         s->round = now;
@@ -933,7 +942,7 @@ static epicsUInt64 pollRanges(plcModbus *m)
     return 0;
 }
 
-/* --- The thread ---------------------------------------------------------------------- */
+/* --- The thread ------------------------------------------------------------------- */
 
 static void planSession(plcModbus *m)
 {
@@ -949,8 +958,8 @@ static void planSession(plcModbus *m)
     free(requests);
     if (n == 0)
         tellOutputs(m);
-    n = plcPlanReads(m->setup.inputs, m->setup.inputCount, s->knowsIn ? m->ownGlueIn : NULL,
-                     &requests);
+    n = plcPlanReads(m->setup.inputs, m->setup.inputCount,
+                     s->knowsIn ? m->ownGlueIn : NULL, &requests);
     for (i = 0; i < n; i++)
         addTurn(s, &requests[i], 0, now);
     free(requests);
@@ -971,7 +980,8 @@ static void beginSession(plcModbus *m)
         s->generation = m->generation;
         s->on = 1;
         s->options = m->options;
-        s->knowsIn = copyGlue(m->ownGlueIn, m->knowsIn ? m->glueIn : NULL, m->setup.inSize);
+        s->knowsIn =
+            copyGlue(m->ownGlueIn, m->knowsIn ? m->glueIn : NULL, m->setup.inSize);
         s->knowsOut =
             copyGlue(m->ownGlueOut, m->knowsOut ? m->glueOut : NULL, m->setup.outSize);
     }
@@ -1041,8 +1051,8 @@ static void worker(void *arg)
         next = step(m);
         now = epicsMonotonicGet();
         if (next > now)
-            epicsEventWaitWithTimeout(m->event, next - now > 3600000 * MS
-                                                    ? 3600 : (double)(next - now) / 1e9);
+            epicsEventWaitWithTimeout(
+                m->event, next - now > 3600000 * MS ? 3600 : (double)(next - now) / 1e9);
         epicsMutexMustLock(m->lock);
         ending = m->ending;
         epicsMutexUnlock(m->lock);

@@ -40,7 +40,7 @@ typedef struct plcModbusSetup {
 
 typedef struct plcModbusOptions {
     double requestTimeout;    /* ms: a whole answer must be there by then */
-    double readPeriod;        /* ms between two reads of the output ranges; 0: at connect */
+    double readPeriod;        /* ms between reads of the outputs; 0: at connect only */
     int singleWrite;          /* FC6 and FC5 for single ones */
     int readModifyWrite;      /* FC3 and FC6 where the PLC has no FC22 */
     int heartbeatRegister;    /* holding register, written by FC6; -1: none */
@@ -50,10 +50,9 @@ typedef struct plcModbusOptions {
 /* What has happened since the last plcModbusTake. */
 typedef struct plcModbusNews {
     int lost;                  /* the socket is of no use any more, because: */
-    char why[PLC_REASON_SIZE]; /* "no answer for 1.0 s", "connection closed by PLC", ... */
-    unsigned blocks;           /* how often the input image was filled anew; the newest is in
-                                * `input`, complete at this time: */
-    epicsTimeStamp stamp;
+    char why[PLC_REASON_SIZE]; /* "no answer for 1.0 s", "connection closed by PLC" */
+    unsigned blocks;           /* how often the input image was filled anew */
+    epicsTimeStamp stamp;      /* when the newest, in `input`, was complete */
     int shown;                 /* 1: `output` holds what the PLC has in the output ranges,
                                 * and for what is ordered meanwhile, that. Without output
                                 * ranges, 1 at connect */

@@ -41,9 +41,9 @@ static const struct {
     int bits;
 } tables[] = {
     [plcHolding] = {3, 16, 6, PLC_READ_REGISTERS, PLC_WRITE_REGISTERS, 0},
-    [plcInputRegisters] = {4, 0, 0, PLC_READ_REGISTERS, 0, 0},
-    [plcCoils] = {1, 15, 5, PLC_READ_BITS, PLC_WRITE_BITS, 1},
-    [plcDiscrete] = {2, 0, 0, PLC_READ_BITS, 0, 1},
+    [plcInputRegisters] = {4, 0,  0, PLC_READ_REGISTERS, 0,                   0},
+    [plcCoils] = {1, 15, 5, PLC_READ_BITS,      PLC_WRITE_BITS,      1},
+    [plcDiscrete] = {2, 0,  0, PLC_READ_BITS,      0,                   1},
 };
 
 typedef struct plan {
@@ -60,7 +60,8 @@ typedef struct plan {
 
 static int byStart(const void *a, const void *b)
 {
-    const plcRange *first = *(const plcRange *const *)a, *second = *(const plcRange *const *)b;
+    const plcRange *first = *(const plcRange *const *)a;
+    const plcRange *second = *(const plcRange *const *)b;
 
     if (first->start != second->start)
         return first->start < second->start ? -1 : 1;
@@ -144,7 +145,7 @@ static int goesOn(const plan *p, const plcRange *range, unsigned address)
     return 0;
 }
 
-/* True when a value is cut where one request ends before `address` and one begins there. */
+/* True when a value is cut by a request that begins at `address`. */
 static int cuts(const plan *p, unsigned address)
 {
     unsigned i;
@@ -157,8 +158,8 @@ static int cuts(const plan *p, unsigned address)
     return 0;
 }
 
-/* Where the request that begins at `start` ends; the run goes on to `end`. As far as it may
- * be, but not within a value; except within one that needs more than one request anyway. */
+/* Where the request that begins at `start` ends; the run goes on to `end`. As far as it
+ * may be, but not within a value; unless that needs more than one request anyway. */
 static unsigned cutPlace(const plan *p, unsigned runStart, unsigned start, unsigned end,
                          unsigned max)
 {
@@ -179,7 +180,8 @@ static unsigned cutPlace(const plan *p, unsigned runStart, unsigned start, unsig
 }
 
 /* Requests for all of start to end - 1. */
-static void cover(plan *p, epicsUInt8 function, unsigned start, unsigned end, unsigned max)
+static void cover(plan *p, epicsUInt8 function, unsigned start, unsigned end,
+                  unsigned max)
 {
     unsigned runStart = start;
 
@@ -213,7 +215,8 @@ unsigned plcPlanReads(const plcRange *ranges, unsigned count, const epicsUInt8 *
 
     for (i = 0; i < count; i++) {
         for (j = 0; j < i; j++)
-            if (ranges[j].table == ranges[i].table && ranges[j].period == ranges[i].period)
+            if (ranges[j].table == ranges[i].table &&
+                ranges[j].period == ranges[i].period)
                 break;
         if (j < i)
             continue;

@@ -34,10 +34,10 @@ typedef struct plcRange {
 size_t plcRangeBytes(const plcRange *range);
 
 /* Parses "table start count [at offset] [every ms], ..." into a new array, to be freed.
- * `output`: only holding and coils, and no `every`. Returns the number of ranges (0 for an
+ * `output`: only holding and coils, and no `every`; none may write a register twice.
+ * Numbers are decimal, or hexadecimal with 0x. Returns the number of ranges (0 for an
  * empty or missing text), and *size, the bytes of the image; or -1 with a message that
- * names the range, what is wrong and what is allowed; then *ranges is NULL. Output ranges
- * may not write a register twice. Start and count in decimal, or hexadecimal with 0x. */
+ * names the range, what is wrong and what is allowed; then *ranges is NULL. */
 int plcRangesParse(const char *text, int output, plcRange **ranges, size_t *size,
                    char *error, size_t errorSize);
 
@@ -50,28 +50,30 @@ typedef struct plcRequest {
 } plcRequest;
 
 /* The reads for these ranges: as few as the limits force. `glue` (NULL: nothing is known)
- * has a byte per byte of the image: not 0 means that this byte belongs to the same value as
- * the one before it, so that no request ends there. A value is cut only where it is longer
- * than a request. Returns the number of requests, and a new array, to be freed. */
+ * has a byte per byte of the image: not 0 means that this byte belongs to the same value
+ * as the one before it: no request ends there, nor within a byte of bits. A value is cut
+ * only where it is longer than a request. Returns their number, and a new array,
+ * to be freed. */
 unsigned plcPlanReads(const plcRange *ranges, unsigned count, const epicsUInt8 *glue,
                       plcRequest **requests);
 
 /* The writes for the bits set in `mask` (as large as the image): runs of whole registers,
  * runs of coils, and each register of which only some bits are set. `glue` as above.
- * `single`: functions 6 and 5 for requests of one register or coil. Bits that lie in no range
- * are left out. Returns the number of requests, and a new array, to be freed. */
+ * `single`: functions 6 and 5 for requests of one register or coil. Bits that lie in no
+ * range are left out. Returns the number of requests, and a new array, to be freed. */
 unsigned plcPlanWrites(const plcRange *ranges, unsigned count, const epicsUInt8 *mask,
                        const epicsUInt8 *glue, int single, plcRequest **requests);
 
 /* Halves a write that was refused, at the last place before its middle (else the first
- * behind it) that cuts no value; coils of a byte that is no part of a longer value are single
- * values. Both have the function of the whole. Returns 1; or 0 when it holds one value only. */
+ * behind it) that cuts no value; coils of a byte that is no part of a longer value are
+ * single values. Both have the function of the whole. Returns 1; or 0 when it holds one
+ * value only. */
 int plcPlanHalve(const plcRange *ranges, unsigned count, const epicsUInt8 *glue,
                  const plcRequest *request, plcRequest halves[2]);
 
-/* Where a request lies in the image: a piece for each range of its table and period that it
- * touches. The range may lie anywhere in the image, and coils may begin within a byte.
- * Returns their number, at most `max`; count is always enough. */
+/* Where a request lies in the image: a piece for each range of its table and period that
+ * it touches. The range may lie anywhere in the image, and coils may begin within a byte.
+ * Returns their number, at most `max`; as many as there are ranges is always enough. */
 typedef struct plcPiece {
     size_t offset;     /* in the image */
     unsigned first, count; /* registers or bits of the request, from 0 */

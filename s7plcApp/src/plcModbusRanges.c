@@ -1,4 +1,4 @@
-/* The ranges of a Modbus PLC from the text of a configure command; see plcModbusPlan.h. */
+/* The ranges of a Modbus PLC from the text of a command; see plcModbusPlan.h. */
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
@@ -9,7 +9,7 @@
 
 #include "plcModbusPlan.h"
 
-#define TABLE_SIZE 65536u           /* registers or bits in a table */
+#define TABLE_SIZE 65536u /* registers or bits in a table */
 #define IMAGE_MAX ((size_t)16 << 20) /* bytes: a larger image is a typing error */
 
 enum { periodDefault = 100, periodMax = 3600000 }; /* ms */
@@ -110,9 +110,9 @@ static int parseNumber(span word, unsigned long max, unsigned long *value)
         return -1;
     for (*value = 0; i < word.length; i++) {
         char c = word.text[i];
-        unsigned digit = c >= '0' && c <= '9'                 ? (unsigned)(c - '0')
+        unsigned digit = c >= '0' && c <= '9'                     ? (unsigned)(c - '0')
                          : (c | 0x20) >= 'a' && (c | 0x20) <= 'f' ? (c | 0x20) - 'a' + 10u
-                                                              : 16u;
+                                                                  : 16u;
 
         if (digit >= base)
             return -1;
@@ -132,14 +132,15 @@ static int takeNumber(const parser *p, span *rest, const char *name, unsigned lo
     if (word.length == 0)
         return refuse(p, "%s is missing; allowed: %lu to %lu%s", name, min, max, unit);
     if (parseNumber(word, max, value) || *value < min)
-        return refuse(p, "%s \"%.*s\"; allowed: %lu to %lu%s", name, shown(word), word.text,
-                      min, max, unit);
+        return refuse(p, "%s \"%.*s\"; allowed: %lu to %lu%s", name, shown(word),
+                      word.text, min, max, unit);
     return 0;
 }
 
 static int takeTable(const parser *p, span *rest, plcTable *table)
 {
-    const char *allowed = p->output ? "holding, coils" : "holding, input, coils, discrete";
+    const char *allowed =
+        p->output ? "holding, coils" : "holding, input, coils, discrete";
     span word = nextWord(rest);
     int i;
 
@@ -148,7 +149,8 @@ static int takeTable(const parser *p, span *rest, plcTable *table)
                       p->output ? "holding|coils" : "holding|input|coils|discrete",
                       p->output ? "" : " [every ms]");
     for (i = plcHolding; i <= plcDiscrete; i++)
-        if (same(word, tableNames[i]) && (!p->output || i == plcHolding || i == plcCoils)) {
+        if (same(word, tableNames[i]) &&
+            (!p->output || i == plcHolding || i == plcCoils)) {
             *table = (plcTable)i;
             return 0;
         }
@@ -172,9 +174,9 @@ static int takeExtras(const parser *p, span *rest, plcRange *range)
                 return -1;
             range->period = (unsigned)value;
         } else {
-            return refuse(p, "\"%.*s\"; allowed here: at offset%s", shown(word), word.text,
-                          p->output ? ", once (outputs are not polled)"
-                                    : ", every ms, each once");
+            return refuse(
+                p, "\"%.*s\"; allowed here: at offset%s", shown(word), word.text,
+                p->output ? ", once (outputs are not polled)" : ", every ms, each once");
         }
     }
     return 0;
@@ -198,8 +200,10 @@ static int checkPlace(const parser *p, const plcRange *ranges, const plcRange *r
         const plcRange *other = &ranges[i];
 
         if (overlap(range->offset, bytes, other->offset, plcRangeBytes(other)))
-            return refuse(p, "its bytes %lu to %lu overlap range %u; allowed: bytes that no "
-                          "other range has", (unsigned long)range->offset,
+            return refuse(p,
+                          "its bytes %lu to %lu overlap range %u; allowed: bytes that no "
+                          "other range has",
+                          (unsigned long)range->offset,
                           (unsigned long)(range->offset + bytes - 1), i + 1);
         if (p->output && range->table == other->table &&
             overlap(range->start, range->count, other->start, other->count))

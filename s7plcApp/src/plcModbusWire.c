@@ -18,12 +18,12 @@
 #include "plcModbusWire.h"
 
 enum {
-    headerSize = 7,  /* up to and with the unit */
+    headerSize = 7, /* up to and with the unit */
     frameMax = 260,
-    lengthAt = 4,    /* of the bytes from the unit on */
+    lengthAt = 4, /* of the bytes from the unit on */
     unitAt = 6,
     functionAt = 7,
-    lengthMin = 3,   /* unit, function, one byte */
+    lengthMin = 3, /* unit, function, one byte */
     lengthMax = frameMax - unitAt
 };
 
@@ -38,7 +38,7 @@ struct plcModbusWire {
     void (*broken)(void *arg);
     void *arg;
     modbus_t *context;
-    int near, far;     /* libmodbus's end of the pair, and the thread's; -1: not there */
+    int near, far; /* libmodbus's end of the pair, and the thread's; -1: not there */
     epicsThreadId thread;
     epicsMutexId lock; /* guards the rest. The thread alone changes socket */
     int socket, next;  /* in use; to be used from the next request on; -1: none */
@@ -54,7 +54,7 @@ static unsigned number(const epicsUInt8 *bytes)
     return (unsigned)bytes[0] << 8 | bytes[1];
 }
 
-/* --- Descriptors --------------------------------------------------------------------- */
+/* --- Descriptors ------------------------------------------------------------------ */
 
 static void closeIf(int *fd)
 {
@@ -63,7 +63,7 @@ static void closeIf(int *fd)
     *fd = -1;
 }
 
-/* The end for libmodbus must fit into an fd_set; the other one makes room where it can. */
+/* The end for libmodbus must fit into an fd_set; the other one makes room for it. */
 static void makePair(plcModbusWire *w)
 {
     int pair[2], high;
@@ -147,8 +147,10 @@ int plcModbusWireOpen(plcModbusWire *w, SOCKET socket, char why[PLC_REASON_SIZE]
     makePair(w);
     if (w->near < 0 || startThread(w)) {
         close(socket);
-        epicsSnprintf(why, PLC_REASON_SIZE, w->near < 0 ? "no descriptor below %d for Modbus"
-                                                        : "no thread for Modbus", FD_SETSIZE);
+        epicsSnprintf(why, PLC_REASON_SIZE,
+                      w->near < 0 ? "no descriptor below %d for Modbus"
+                                  : "no thread for Modbus",
+                      FD_SETSIZE);
         return -1;
     }
     epicsMutexMustLock(w->lock);
@@ -181,7 +183,7 @@ static int takeNext(plcModbusWire *w)
     return 1;
 }
 
-/* --- What others ask ----------------------------------------------------------------- */
+/* --- What others ask -------------------------------------------------------------- */
 
 modbus_t *plcModbusWireContext(plcModbusWire *w)
 {
@@ -210,7 +212,7 @@ int plcModbusWireBroken(plcModbusWire *w, char why[PLC_REASON_SIZE])
     return why[0] != 0;
 }
 
-/* --- One request, by the thread ------------------------------------------------------ */
+/* --- One request, by the thread --------------------------------------------------- */
 
 static int lost(plcExchange *x, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
 
@@ -260,8 +262,8 @@ static int await(int fd, short events, epicsUInt64 deadline)
     }
 }
 
-static int sendFrame(plcModbusWire *w, const frame *q, epicsUInt64 deadline, double timeout,
-                     plcExchange *x)
+static int sendFrame(plcModbusWire *w, const frame *q, epicsUInt64 deadline,
+                     double timeout, plcExchange *x)
 {
     while (x->sent < q->size) {
         ssize_t n = send(w->socket, q->bytes + x->sent, q->size - x->sent, MSG_NOSIGNAL);
@@ -292,14 +294,16 @@ static int receive(plcModbusWire *w, frame *a, size_t size, epicsUInt64 deadline
         } else if (errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR) {
             return lostBy(x, errno);
         } else if (!await(w->socket, POLLIN, deadline)) {
-            return lostByTime(x, a->size ? "answer is not complete after" : "no answer for", timeout);
+            return a->size ? lostByTime(x, "answer is not complete after", timeout)
+                           : lostByTime(x, "no answer for", timeout);
         }
     }
     return 0;
 }
 
 /* Is this the header of an answer to the request? */
-static int checkHeader(const plcModbusWire *w, const frame *q, const frame *a, plcExchange *x)
+static int checkHeader(const plcModbusWire *w, const frame *q, const frame *a,
+                       plcExchange *x)
 {
     unsigned function = a->bytes[functionAt] & 0x7f, length = number(a->bytes + lengthAt);
 
@@ -348,7 +352,8 @@ static int checkAnswer(const frame *q, const frame *a, plcExchange *x)
     if (a->bytes[functionAt] & 0x80)
         return x->exception ? 0 : lost(x, "bad answer: exception 0");
     if (q->bytes[functionAt] <= 4)
-        return a->bytes[8] == expected - 3 ? 0 : lost(x, "bad answer: wrong number of bytes");
+        return a->bytes[8] == expected - 3 ? 0
+                                           : lost(x, "bad answer: wrong number of bytes");
     if (number(a->bytes + 8) != number(q->bytes + 8))
         return lost(x, "bad answer: address %u, not %u", number(a->bytes + 8),
                     number(q->bytes + 8));
@@ -373,7 +378,7 @@ static int checkQuiet(plcModbusWire *w, plcExchange *x)
     return errno == EAGAIN || errno == EWOULDBLOCK ? 0 : lostBy(x, errno);
 }
 
-/* Request out, answer in. Returns 0 with a good answer (exceptions are), or -1 with x->lost. */
+/* Request out, answer in. Returns 0 with a good answer (exceptions are), or -1. */
 static int exchange(plcModbusWire *w, frame *q, frame *a, double timeout, plcExchange *x)
 {
     epicsUInt64 begin = epicsMonotonicGet();
@@ -391,7 +396,7 @@ static int exchange(plcModbusWire *w, frame *q, frame *a, double timeout, plcExc
     return 0;
 }
 
-/* --- The thread ---------------------------------------------------------------------- */
+/* --- The thread ------------------------------------------------------------------- */
 
 /* A whole request of libmodbus. Returns 0, or -1: the wire is to end. */
 static int takeRequest(plcModbusWire *w, frame *q)
@@ -474,7 +479,10 @@ static void wireThread(void *arg)
     frame request;
 
     for (;;) {
-        struct pollfd p[2] = {{w->far, POLLIN, 0}, {w->socket, POLLIN, 0}};
+        struct pollfd p[2] = {
+            {w->far,    POLLIN, 0},
+            {w->socket, POLLIN, 0}
+        };
 
         if (poll(p, 2, -1) < 0)
             continue;

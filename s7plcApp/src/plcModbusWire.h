@@ -1,15 +1,15 @@
 /* Frames between libmodbus and the socket of a PLC: one request, then its answer.
  *
- * libmodbus waits with select(), which knows no descriptor above 1023, counts its time-out
- * anew, and finds no fault with an answer of another unit. So it never sees the PLC's socket:
- * it talks to one end of a pair of local sockets, and a thread stands at the other. That
- * thread passes the request on, waits for the answer up to one deadline, and looks at its
- * header before libmodbus gets it. Instead of an answer that is bad or does not come,
- * libmodbus gets an exception; plcModbusWireLast has the truth.
+ * libmodbus waits with select(), which corrupts memory with descriptors above 1023. It
+ * has one word for all bad answers, and finds no fault with one of another unit. So it
+ * never sees the PLC's socket: it talks to one end of a pair of local sockets, and a
+ * thread stands at the other. That thread passes the request on, waits for the answer up
+ * to one deadline, and looks at it before libmodbus does. For an answer that is bad
+ * or does not come, libmodbus gets an exception; plcModbusWireLast has the truth.
  *
  *   libmodbus == pair == this thread == socket == PLC
  *
- *   bytes  0 1 transaction   2 3 zero   4 5 length of the rest   6 unit   7 function   8 ...
+ *   bytes: 0 1 transaction, 2 3 zero, 4 5 length of the rest, 6 unit, 7 function, 8 ...
  *
  * Knows frames; not what they are for.
  */
@@ -34,8 +34,8 @@ typedef struct plcExchange {
     double latency;            /* ms from the request to the whole answer; 0: none came */
 } plcExchange;
 
-/* Takes a descriptor below FD_SETSIZE for itself for good: call it early. `broken` is called
- * by the wire's thread when the socket ends while no request is under way. */
+/* Takes a descriptor below FD_SETSIZE for itself for good: call it early. `broken` is
+ * called by the wire's thread when the socket ends while no request is under way. */
 plcModbusWire *plcModbusWireCreate(const char *name, int unit, void (*broken)(void *arg),
                                    void *arg);
 
@@ -43,8 +43,7 @@ plcModbusWire *plcModbusWireCreate(const char *name, int unit, void (*broken)(vo
 void plcModbusWireDestroy(plcModbusWire *wire);
 
 /* The connection from now on; the wire closes it. No call of libmodbus may be under way.
- * Returns 0, or -1 when libmodbus cannot be used: then why says so, and the socket is closed.
- */
+ * Returns 0, or -1 when libmodbus cannot be used: why says so, the socket is closed. */
 int plcModbusWireOpen(plcModbusWire *wire, SOCKET socket, char why[PLC_REASON_SIZE]);
 
 /* For the calls of libmodbus; one thread at a time. */

@@ -20,7 +20,7 @@ static unsigned randomBelow(unsigned n)
     return (seed >> 8) % n;
 }
 
-/* --- The text ----------------------------------------------------------------------- */
+/* --- The text --------------------------------------------------------------------- */
 
 static const struct {
     const char *what, *text;
@@ -196,7 +196,7 @@ static void testLongText(void)
     free(text);
 }
 
-/* --- Reads -------------------------------------------------------------------------- */
+/* --- Reads ------------------------------------------------------------------------ */
 
 static unsigned limit(plcTable table)
 {
@@ -494,7 +494,7 @@ static void testRandomReads(int glued, unsigned longest, int rounds)
            wrong ? wrong : "");
 }
 
-/* --- Writes ------------------------------------------------------------------------- */
+/* --- Writes ----------------------------------------------------------------------- */
 
 static const struct {
     const char *what;
@@ -684,7 +684,7 @@ static void testRandomWrites(int rounds)
            wrong ? ": " : "", wrong ? wrong : "");
 }
 
-/* --- Halves ------------------------------------------------------------------------- */
+/* --- Halves ----------------------------------------------------------------------- */
 
 /* Halves down to the end. Returns the number of parts; 0: something is lost. */
 static unsigned halveAll(const world *w, int glued, const plcRequest *q, unsigned *at,
@@ -770,7 +770,7 @@ static void testHalfOf(void)
            "8 coils are single bits");
 }
 
-/* --- Pieces ------------------------------------------------------------------------- */
+/* --- Pieces ----------------------------------------------------------------------- */
 
 static void testPieces(void)
 {
@@ -791,7 +791,7 @@ static void testPieces(void)
                pieces[0].first == 0 && pieces[0].count == 5, "coils within a byte");
 }
 
-/* --- Words -------------------------------------------------------------------------- */
+/* --- Words ------------------------------------------------------------------------ */
 
 static void testExceptions(void)
 {

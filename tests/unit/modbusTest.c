@@ -1,5 +1,5 @@
-/* The Modbus worker against a server of libmodbus on loopback, which does as it is told: holds
- * its answer back, refuses, answers wrong, dribbles, closes. */
+/* The Modbus worker against a server of libmodbus on loopback, which does as it is told:
+ * holds its answer back, refuses, answers wrong, dribbles, closes. */
 #include <errno.h>
 #include <fcntl.h>
 #include <stdlib.h>
@@ -22,36 +22,36 @@
 
 #define COUNT(table) (sizeof(table) / sizeof(table[0]))
 
-/* --- The PLC ------------------------------------------------------------------------- */
+/* --- The PLC ---------------------------------------------------------------------- */
 
 enum { tableSize = 1000, logSize = 10000, headerSize = 7 };
 
 /* What the PLC does with a request. */
 typedef enum {
     replies,
-    refuses,       /* with an exception code */
+    refuses, /* with an exception code */
     isSilent,
-    holdsBack,     /* until plcRelease */
+    holdsBack, /* until plcRelease */
     closes,
-    closesWithin,  /* an answer */
-    stopsWithin,   /* an answer */
-    dribbles,      /* a byte now and then */
-    wrongNumber,   /* of the transaction */
+    closesWithin, /* an answer */
+    stopsWithin,  /* an answer */
+    dribbles,     /* a byte now and then */
+    wrongNumber,  /* of the transaction */
     wrongUnit,
     wrongFunction,
     wrongProtocol,
-    wrongLength,   /* of the data */
-    wrongHeader,   /* length in the header */
-    wrongEcho,     /* of the address */
+    wrongLength, /* of the data */
+    wrongHeader, /* length in the header */
+    wrongEcho,   /* of the address */
     answersTwice
 } plcAct;
 
 typedef struct plcRule {
-    int function;          /* 0: any */
-    unsigned first, last;  /* touches one of these addresses */
+    int function;         /* 0: any */
+    unsigned first, last; /* touches one of these addresses */
     plcAct act;
-    int code;              /* of the exception */
-    int times;             /* how often; 0: always */
+    int code;  /* of the exception */
+    int times; /* how often; 0: always */
 } plcRule;
 
 typedef struct plcSeen {
@@ -324,8 +324,8 @@ static unsigned plcAsked(plc *p, int function, unsigned address)
 
     epicsMutexMustLock(p->lock);
     for (i = 0; i < p->logged; i++)
-        n += (!function || p->log[i].function == function) && address >= p->log[i].start &&
-             address - p->log[i].start < p->log[i].count;
+        n += (!function || p->log[i].function == function) &&
+             address >= p->log[i].start && address - p->log[i].start < p->log[i].count;
     epicsMutexUnlock(p->lock);
     return n;
 }
@@ -386,7 +386,7 @@ static int plcConnected(plc *p)
     return connected;
 }
 
-/* --- The station --------------------------------------------------------------------- */
+/* --- The station ------------------------------------------------------------------ */
 
 typedef struct world {
     plc *plc;
@@ -420,7 +420,8 @@ static int parse(const char *text, int output, plcRange **ranges, size_t *size)
 static world *worldCreate(plc *p, const char *inputs, const char *outputs, int bigEndian)
 {
     world *w = callocMustSucceed(1, sizeof(*w), "worldCreate");
-    plcModbusSetup setup = {.name = "test", .unit = 7, .bigEndian = bigEndian, .wake = wake};
+    plcModbusSetup setup = {
+        .name = "test", .unit = 7, .bigEndian = bigEndian, .wake = wake};
 
     w->plc = p;
     setup.inputCount = parse(inputs, 0, &w->inputs, &w->inSize);
@@ -433,8 +434,8 @@ static world *worldCreate(plc *p, const char *inputs, const char *outputs, int b
     setup.outFaults = w->outFaults = plcFaultsCreate(w->outSize);
     setup.arg = w->woken = epicsEventMustCreate(epicsEventEmpty);
     w->socket = INVALID_SOCKET;
-    w->options = (plcModbusOptions){.requestTimeout = PATIENCE_S * 1000,
-                                    .heartbeatRegister = -1};
+    w->options =
+        (plcModbusOptions){.requestTimeout = PATIENCE_S * 1000, .heartbeatRegister = -1};
     w->modbus = plcModbusCreate(&setup);
     plcModbusSetOptions(w->modbus, &w->options);
     return w;
@@ -506,11 +507,11 @@ static void take(world *w)
 }
 
 /* Until the condition is true; news are taken whenever there are some. */
-#define UNTIL(w, condition)                                                                \
-    do {                                                                                   \
-        epicsUInt64 end_ = epicsMonotonicGet() + PATIENCE_S * 1000000000ull;                \
-        for (take(w); !(condition) && epicsMonotonicGet() < end_; take(w))                 \
-            epicsEventWaitWithTimeout((w)->woken, 0.01);                                   \
+#define UNTIL(w, condition)                                                              \
+    do {                                                                                 \
+        epicsUInt64 end_ = epicsMonotonicGet() + PATIENCE_S * 1000000000ull;             \
+        for (take(w); !(condition) && epicsMonotonicGet() < end_; take(w))               \
+            epicsEventWaitWithTimeout((w)->woken, 0.01);                                 \
     } while (0)
 
 static void setOptions(world *w)
@@ -557,21 +558,29 @@ static int isSame(plcSeen a, plcSeen b)
     return a.function == b.function && a.start == b.start && a.count == b.count;
 }
 
-/* --- Reads --------------------------------------------------------------------------- */
+/* --- Reads ------------------------------------------------------------------------ */
 
 static void testInputs(void)
 {
     plc *p = plcCreate();
     world *w = worldCreate(p, "holding 10 300, input 0 20, coils 1 64, discrete 3 9",
                            "holding 500 4", 1);
-    static const plcSeen expected[] = {{3, 500, 4}, {3, 10, 125}, {3, 135, 125},
-                                       {3, 260, 50}, {4, 0, 20}, {1, 1, 64}, {2, 3, 9}};
+    static const plcSeen expected[] = {
+        {3, 500, 4  },
+        {3, 10,  125},
+        {3, 135, 125},
+        {3, 260, 50 },
+        {4, 0,   20 },
+        {1, 1,   64 },
+        {2, 3,   9  }
+    };
     unsigned i, good = 1;
     epicsTimeStamp now;
 
     start(w, NULL, NULL);
     UNTIL(w, w->all.blocks);
-    testOk(w->all.shown == 1 && get16(w->output) == 0x11f4 && get16(w->output + 6) == 0x11f7,
+    testOk(w->all.shown == 1 && get16(w->output) == 0x11f4 &&
+               get16(w->output + 6) == 0x11f7,
            "the outputs are shown first");
     for (i = 0; i < COUNT(expected); i++)
         good &= isSame(plcLog(p, i), expected[i]);
@@ -590,13 +599,15 @@ static void testInputs(void)
         good &= (w->input[648 + i / 8] >> i % 8 & 1) == ((i + 3) % 5 == 0);
     testOk(good, "discrete inputs");
     epicsTimeGetCurrent(&now);
-    testOk(epicsTimeDiffInSeconds(&now, &w->all.stamp) < PATIENCE_S && w->all.requests >= 7 &&
-               w->all.bytesOut >= 7 * 12 && w->all.bytesIn >= 600 && w->all.latencyMax > 0,
+    testOk(epicsTimeDiffInSeconds(&now, &w->all.stamp) < PATIENCE_S &&
+               w->all.requests >= 7 && w->all.bytesOut >= 7 * 12 &&
+               w->all.bytesIn >= 600 && w->all.latencyMax > 0,
            "time stamp and counts");
     i = w->all.blocks;
     plcSetRegister(p, 309, 0xabcd);
     UNTIL(w, get16(w->input + 598) == 0xabcd);
-    testOk(get16(w->input + 598) == 0xabcd && w->all.blocks > i, "and again by its period");
+    testOk(get16(w->input + 598) == 0xabcd && w->all.blocks > i,
+           "and again by its period");
     worldDestroy(w);
     plcDestroy(p);
 }
@@ -627,7 +638,8 @@ static void testPeriods(void)
     start(w, NULL, NULL);
     UNTIL(w, w->all.blocks >= 5);
     testOk(w->all.shown == 1, "no outputs: shown at once");
-    testOk(plcAsked(p, 3, 0) >= 5 && plcAsked(p, 3, 2) == 1, "each range by its own period");
+    testOk(plcAsked(p, 3, 0) >= 5 && plcAsked(p, 3, 2) == 1,
+           "each range by its own period");
     worldDestroy(w);
     plcDestroy(p);
 }
@@ -635,8 +647,8 @@ static void testPeriods(void)
 static void testRefusedRange(void)
 {
     plc *p = plcCreate();
-    world *w = worldCreate(p, "holding 0 50 every 5, holding 50 50 every 5, coils 0 8 every 5",
-                           "", 1);
+    world *w = worldCreate(
+        p, "holding 0 50 every 5, holding 50 50 every 5, coils 0 8 every 5", "", 1);
     unsigned blocks;
 
     plcOneRule(p, 3, 60, 60, refuses, 2);
@@ -649,7 +661,8 @@ static void testRefusedRange(void)
                get16(w->input + 98) == 0x1031 && w->input[200] == 0x49,
            "the others are not, though they were read together");
     testOk(w->all.exceptions >= 2 &&
-               strstr(w->log, "read of holding 50 to 99: PLC: exception 2"), "log: %s", w->log);
+               strstr(w->log, "read of holding 50 to 99: PLC: exception 2"),
+           "log: %s", w->log);
     plcForget(p);
     blocks = w->all.blocks;
     UNTIL(w, w->all.blocks > blocks + 1 && plcAsked(p, 3, 99));
@@ -659,7 +672,8 @@ static void testRefusedRange(void)
     blocks = w->all.blocks;
     UNTIL(w, w->all.blocks > blocks);
     testOk(!fault(w->inFaults, 100, 100)[0] && get16(w->input + 100) == 0x1032 &&
-               strstr(w->log, "good again"), "it is good again when the PLC shows it");
+               strstr(w->log, "good again"),
+           "it is good again when the PLC shows it");
     worldDestroy(w);
     plcDestroy(p);
 }
@@ -672,7 +686,8 @@ static void testAllRefused(void)
     plcOneRule(p, 0, 0, 65535, refuses, 11);
     start(w, NULL, NULL);
     UNTIL(w, w->all.blocks);
-    testOk(w->all.blocks == 1 && fault(w->inFaults, 0, 1)[0] && fault(w->inFaults, 100, 1)[0],
+    testOk(w->all.blocks == 1 && fault(w->inFaults, 0, 1)[0] &&
+               fault(w->inFaults, 100, 1)[0],
            "all refused: a block with faults, %s", fault(w->inFaults, 100, 1));
     testOk(!w->all.shown &&
                strcmp(w->all.unread, "PLC: exception 11, no answer at gateway") == 0,
@@ -681,7 +696,7 @@ static void testAllRefused(void)
     plcDestroy(p);
 }
 
-/* --- Writes -------------------------------------------------------------------------- */
+/* --- Writes ----------------------------------------------------------------------- */
 
 static void testWrites(void)
 {
@@ -696,7 +711,8 @@ static void testWrites(void)
     sendOrders(w);
     UNTIL(w, w->all.writes == 1 && w->all.idle);
     testOk(plcRegister(p, 103) == 0x1234 && plcRegister(p, 102) == 0x1066 &&
-               plcRegister(p, 104) == 0x1068 && plcAsked(p, 16, 103) == 1 && plcLogged(p) == 1,
+               plcRegister(p, 104) == 0x1068 && plcAsked(p, 16, 103) == 1 &&
+               plcLogged(p) == 1,
            "one register: one FC16, its neighbours untouched");
     plcForget(p);
     for (i = 0; i < 200; i++)
@@ -705,7 +721,8 @@ static void testWrites(void)
     UNTIL(w, w->all.writes == 3 && w->all.idle);
     for (i = 0, good = 1; i < 200; i++)
         good &= plcRegister(p, 100 + i) == 0x4000 + i;
-    testOk(good && plcLogged(p) == 2 && plcLog(p, 0).count == 123, "200 registers: two requests");
+    testOk(good && plcLogged(p) == 2 && plcLog(p, 0).count == 123,
+           "200 registers: two requests");
     plcForget(p);
     putBit(w, 6, 0, 1);
     putBit(w, 6, 7, 0);
@@ -713,7 +730,8 @@ static void testWrites(void)
     plcSetRegister(p, 103, 0xaaaa);
     sendOrders(w);
     UNTIL(w, w->all.writes == 4 && w->all.idle);
-    testOk(plcRegister(p, 103) == 0x2baa && plcAsked(p, 22, 103) == 1 && plcLogged(p) == 1,
+    testOk(plcRegister(p, 103) == 0x2baa && plcAsked(p, 22, 103) == 1 &&
+               plcLogged(p) == 1,
            "bits of a register: FC22, 0x%x", plcRegister(p, 103));
     plcForget(p);
     for (i = 8; i < 32; i++)
@@ -722,8 +740,9 @@ static void testWrites(void)
     UNTIL(w, w->all.writes == 5 && w->all.idle);
     for (i = 8, good = 1; i < 32; i++)
         good &= plcCoil(p, i) == i % 2;
-    testOk(good && plcCoil(p, 6) == 1 && plcCoil(p, 33) == 1 && plcLog(p, 0).count == 24 &&
-               plcLogged(p) == 1, "coils: one FC15");
+    testOk(good && plcCoil(p, 6) == 1 && plcCoil(p, 33) == 1 &&
+               plcLog(p, 0).count == 24 && plcLogged(p) == 1,
+           "coils: one FC15");
     plcForget(p);
     w->options.singleWrite = 1;
     setOptions(w);
@@ -732,7 +751,8 @@ static void testWrites(void)
     sendOrders(w);
     UNTIL(w, w->all.writes == 7 && w->all.idle);
     testOk(plcCoil(p, 0) == 0 && plcRegister(p, 100) == 77 && plcAsked(p, 5, 0) == 1 &&
-               plcAsked(p, 6, 100) == 1, "singleWrite: FC5 and FC6");
+               plcAsked(p, 6, 100) == 1,
+           "singleWrite: FC5 and FC6");
     testOk(!w->all.outFaults && !w->all.lost && !w->log[0] && w->all.exceptions == 0,
            "no faults, nothing to log");
     worldDestroy(w);
@@ -781,8 +801,11 @@ static void testBisect(void)
     start(w, NULL, glue);
     UNTIL(w, w->all.shown);
     {
-        plcRule rules[] = {{16, 41, 41, refuses, 3, 0}, {16, 70, 70, refuses, 2, 0},
-                           {15, 20, 20, refuses, 2, 0}};
+        plcRule rules[] = {
+            {16, 41, 41, refuses, 3, 0},
+            {16, 70, 70, refuses, 2, 0},
+            {15, 20, 20, refuses, 2, 0}
+        };
         plcSetRules(p, rules, 3);
     }
     for (i = 0; i < 100; i++)
@@ -796,10 +819,13 @@ static void testBisect(void)
             good &= plcRegister(p, i) == i && !fault(w->outFaults, 2 * i, 2)[0];
     testOk(good, "all registers are written but those that the PLC refuses");
     testOk(plcRegister(p, 40) == 0x1028 &&
-               strcmp(fault(w->outFaults, 80, 2), "PLC: exception 3, illegal data value") == 0 &&
-               strcmp(fault(w->outFaults, 82, 2), "PLC: exception 3, illegal data value") == 0,
+               strcmp(fault(w->outFaults, 80, 2),
+                      "PLC: exception 3, illegal data value") == 0 &&
+               strcmp(fault(w->outFaults, 82, 2),
+                      "PLC: exception 3, illegal data value") == 0,
            "a value of two registers is one: %s", fault(w->outFaults, 80, 2));
-    testOk(strcmp(fault(w->outFaults, 140, 2), "PLC: exception 2, illegal data address") == 0,
+    testOk(strcmp(fault(w->outFaults, 140, 2),
+                  "PLC: exception 2, illegal data address") == 0,
            "another reason for another one: %s", fault(w->outFaults, 140, 2));
     for (i = 0, good = 1; i < 50; i++) {
         epicsUInt8 bit = 1 << i % 8;
@@ -809,7 +835,8 @@ static void testBisect(void)
         good &= faulty == (i == 20) && (i == 20 || plcCoil(p, i) == 1);
     }
     testOk(good, "of the coils, only one is faulty");
-    testOk(w->all.outFaults && strstr(w->log, "write of holding 40 to 41: PLC: exception 3"),
+    testOk(w->all.outFaults &&
+               strstr(w->log, "write of holding 40 to 41: PLC: exception 3"),
            "log: %s", w->log);
     plcSetRules(p, NULL, 0);
     putRegister(w, 70, 7);
@@ -858,7 +885,8 @@ static void testCodes(void)
         plcForget(p);
         putRegister(w, 0, 50 + (unsigned)i);
         sendOrders(w);
-        UNTIL(w, w->all.idle && plcRegister(p, 0) == 50 + i && !fault(w->outFaults, 0, 2)[0]);
+        UNTIL(w, w->all.idle && plcRegister(p, 0) == 50 + i &&
+                     !fault(w->outFaults, 0, 2)[0]);
         testOk(plcRegister(p, 0) == 50 + i && plcAsked(p, 16, 0) == 3 &&
                    !fault(w->outFaults, 0, 2)[0],
                "exception %d twice: asked again, then it is done", (int)i);
@@ -883,7 +911,8 @@ static void testNoMaskWrite(void)
     putBit(w, 3, 0, 1);
     sendOrders(w);
     UNTIL(w, w->all.idle && fault(w->outFaults, 3, 1)[0]);
-    testOk(plcAsked(p, 22, 0) == 1 && plcAsked(p, 22, 1) == 0 && fault(w->outFaults, 3, 1)[0],
+    testOk(plcAsked(p, 22, 0) == 1 && plcAsked(p, 22, 1) == 0 &&
+               fault(w->outFaults, 3, 1)[0],
            "the PLC is not asked again");
     w->options.readModifyWrite = 1;
     setOptions(w);
@@ -893,14 +922,15 @@ static void testNoMaskWrite(void)
     putBit(w, 0, 7, 0);
     sendOrders(w);
     UNTIL(w, w->all.writes == 1 && w->all.idle);
-    testOk(plcRegister(p, 0) == 0x7f01 && plcAsked(p, 3, 0) == 1 && plcAsked(p, 6, 0) == 1 &&
-               !fault(w->outFaults, 0, 2)[0],
+    testOk(plcRegister(p, 0) == 0x7f01 && plcAsked(p, 3, 0) == 1 &&
+               plcAsked(p, 6, 0) == 1 && !fault(w->outFaults, 0, 2)[0],
            "maskWrite=rmw: read, modify, write: 0x%x", plcRegister(p, 0));
     plcOneRule(p, 6, 0, 9, refuses, 2);
     putBit(w, 5, 0, 1);
     sendOrders(w);
     UNTIL(w, w->all.idle && fault(w->outFaults, 5, 1)[0]);
-    testOk(strcmp(fault(w->outFaults, 5, 1), "PLC: exception 2, illegal data address") == 0,
+    testOk(strcmp(fault(w->outFaults, 5, 1), "PLC: exception 2, illegal data address") ==
+               0,
            "and its refusal: %s", fault(w->outFaults, 5, 1));
     plcSetRules(p, NULL, 0);
     start(w, NULL, NULL);
@@ -913,7 +943,7 @@ static void testNoMaskWrite(void)
     plcDestroy(p);
 }
 
-/* --- Outputs as the PLC has them ----------------------------------------------------- */
+/* --- Outputs as the PLC has them -------------------------------------------------- */
 
 static void testShown(void)
 {
@@ -978,8 +1008,10 @@ static void testHeartbeat(void)
     testOk(plcLog(p, 0).function == 3, "the outputs are read first");
     plcOneRule(p, 6, 900, 900, refuses, 2);
     UNTIL(w, w->log[0]);
-    testOk(strcmp(w->log, "heartbeat register 900: PLC: exception 2, illegal data address; ") ==
-               0, "refused: %s", w->log);
+    testOk(strcmp(w->log,
+                  "heartbeat register 900: PLC: exception 2, illegal data address; ") ==
+               0,
+           "refused: %s", w->log);
     plcSetRules(p, NULL, 0);
     UNTIL(w, strstr(w->log, "again"));
     testOk(!w->all.lost && strstr(w->log, "the PLC takes it again"), "and taken again");
@@ -987,7 +1019,7 @@ static void testHeartbeat(void)
     plcDestroy(p);
 }
 
-/* --- Lost ---------------------------------------------------------------------------- */
+/* --- Lost ------------------------------------------------------------------------- */
 
 static const struct {
     plcAct act;
@@ -995,20 +1027,20 @@ static const struct {
     const char *why;
     int late;
 } losses[] = {
-    {isSilent,      50,                "no answer for 50 ms",                     1},
-    {isSilent,      1100,              "no answer for 1.1 s",                     1},
-    {stopsWithin,   1000,              "answer is not complete after 1.0 s",      1},
-    {dribbles,      1000,              "answer is not complete after 1.0 s",      1},
-    {closes,        PATIENCE_S * 1000, "connection closed by PLC",                0},
-    {closesWithin,  PATIENCE_S * 1000, "closed by PLC within an answer",          0},
-    {wrongNumber,   PATIENCE_S * 1000, "bad answer: wrong transaction number",    0},
-    {wrongProtocol, PATIENCE_S * 1000, "bad answer: no Modbus/TCP",               0},
-    {wrongUnit,     PATIENCE_S * 1000, "bad answer: unit 8 instead of 7",         0},
-    {wrongFunction, PATIENCE_S * 1000, "bad answer: function 23 instead of 16",   0},
-    {wrongLength,   PATIENCE_S * 1000, "bad answer: too short",                   0},
-    {wrongHeader,   PATIENCE_S * 1000, "bad answer: length 65286",                0},
-    {wrongEcho,     PATIENCE_S * 1000, "bad answer: address 3, not 2",            0},
-    {answersTwice,  PATIENCE_S * 1000, "PLC sends what was not asked for",        0},
+    {isSilent,      50,                "no answer for 50 ms",                   1},
+    {isSilent,      1100,              "no answer for 1.1 s",                   1},
+    {stopsWithin,   1000,              "answer is not complete after 1.0 s",    1},
+    {dribbles,      1000,              "answer is not complete after 1.0 s",    1},
+    {closes,        PATIENCE_S * 1000, "connection closed by PLC",              0},
+    {closesWithin,  PATIENCE_S * 1000, "closed by PLC within an answer",        0},
+    {wrongNumber,   PATIENCE_S * 1000, "bad answer: wrong transaction number",  0},
+    {wrongProtocol, PATIENCE_S * 1000, "bad answer: no Modbus/TCP",             0},
+    {wrongUnit,     PATIENCE_S * 1000, "bad answer: unit 8 instead of 7",       0},
+    {wrongFunction, PATIENCE_S * 1000, "bad answer: function 23 instead of 16", 0},
+    {wrongLength,   PATIENCE_S * 1000, "bad answer: too short",                 0},
+    {wrongHeader,   PATIENCE_S * 1000, "bad answer: length 65286",              0},
+    {wrongEcho,     PATIENCE_S * 1000, "bad answer: address 3, not 2",          0},
+    {answersTwice,  PATIENCE_S * 1000, "PLC sends what was not asked for",      0},
 };
 
 static void testLosses(void)
@@ -1033,7 +1065,8 @@ static void testLosses(void)
         sendOrders(w);
         UNTIL(w, w->all.lost);
         testOk(w->all.lost && strcmp(w->all.why, losses[i].why) == 0 &&
-                   w->all.timeouts == (unsigned)losses[i].late, "lost: %s", w->all.why);
+                   w->all.timeouts == (unsigned)losses[i].late,
+               "lost: %s", w->all.why);
         testOk(losses[i].act == answersTwice ||
                    strcmp(fault(w->outFaults, 4, 2), losses[i].why) == 0,
                "the write that was under way is faulty, for the same reason");
@@ -1043,7 +1076,8 @@ static void testLosses(void)
     plcOneRule(p, 3, 0, 9, wrongLength, 0);
     start(w, NULL, NULL);
     UNTIL(w, w->all.lost);
-    testOk(strcmp(w->all.why, "bad answer: too short") == 0, "a short read: %s", w->all.why);
+    testOk(strcmp(w->all.why, "bad answer: too short") == 0, "a short read: %s",
+           w->all.why);
     plcSetRules(p, NULL, 0);
     start(w, NULL, NULL);
     UNTIL(w, w->all.shown);
@@ -1054,7 +1088,7 @@ static void testLosses(void)
     plcDestroy(p);
 }
 
-/* --- Start, stop, end ---------------------------------------------------------------- */
+/* --- Start, stop, end ------------------------------------------------------------- */
 
 static void testStop(void)
 {
@@ -1107,7 +1141,8 @@ static void testOldOrders(void)
     }
     start(w, NULL, NULL);
     UNTIL(w, w->all.shown && w->all.idle);
-    testOk(!bad && plcRegister(p, 5) != 0xdead, "what was ordered before the start is void");
+    testOk(!bad && plcRegister(p, 5) != 0xdead,
+           "what was ordered before the start is void");
     worldDestroy(w);
     plcDestroy(p);
 }
@@ -1138,8 +1173,8 @@ static void testDestroy(void)
 static void testBusy(void)
 {
     plc *p = plcCreate();
-    world *w = worldCreate(p, "holding 0 125 every 1, holding 200 125 every 1", "holding 500 100",
-                           1);
+    world *w = worldCreate(p, "holding 0 125 every 1, holding 200 125 every 1",
+                           "holding 500 100", 1);
     unsigned i;
 
     start(w, NULL, NULL);
@@ -1157,7 +1192,7 @@ static void testBusy(void)
     plcDestroy(p);
 }
 
-/* --- Descriptors --------------------------------------------------------------------- */
+/* --- Descriptors ------------------------------------------------------------------ */
 
 enum { fillers = 1200 };
 
@@ -1202,7 +1237,8 @@ static void testDescriptors(void)
     putRegister(w, 3, 0x7777);
     sendOrders(w);
     UNTIL(w, w->all.writes == 1);
-    testOk(w->socket >= 1100 && w->all.blocks && plcRegister(p, 23) == 0x7777 && !w->all.lost,
+    testOk(w->socket >= 1100 && w->all.blocks && plcRegister(p, 23) == 0x7777 &&
+               !w->all.lost,
            "%d descriptors are open: reads and writes", fillers);
     worldDestroy(w);
     openAll(more);
