@@ -2,7 +2,7 @@
 #
 #   demo_begin <program> <prefix>      finds the IOC and the CA tools, chooses ports; $P, $tmp
 #   start_plc <name> <orders> <file>   starts plcSim; <orders> is a pipe with console commands,
-#                                      or /dev/null
+#       [option ...]                   or /dev/null; options of plcSim
 #   start_ioc                          starts st.cmd in $here; its shell waits for demo_end
 #   demo_end                           "demo ok" and status 0; on a terminal the shell instead,
 #                                      after the hints on stdin
@@ -84,14 +84,18 @@ has() { [ "$(value "$1")" = "$2" ]; }
 # The port on which a simulated PLC listens.
 port_of() { sed -n 's/.*listening on .*:\([0-9]*\)$/\1/p' "$tmp/$1.log" | head -n 1; }
 
+# The same of its Modbus server.
+modbus_port_of() { sed -n 's/.*Modbus listening on .*:\([0-9]*\)$/\1/p' "$tmp/$1.log" | head -n 1; }
+
 start_plc() {
-    local stdin=
-    [ "$2" != /dev/null ] || stdin=--no-stdin
-    "$bin/plcSim" $stdin --port 0 --console "$tmp/$1.sock" "$3" >"$tmp/$1.log" 2>&1 \
-        4>&- 5>&- <"$2" &
+    local stdin= name=$1 orders=$2 file=$3
+    shift 3
+    [ "$orders" != /dev/null ] || stdin=--no-stdin
+    "$bin/plcSim" $stdin --port 0 "$@" --console "$tmp/$name.sock" "$file" \
+        >"$tmp/$name.log" 2>&1 4>&- 5>&- <"$orders" &
     children="$children $!"
-    logs="$logs $1"
-    try grep -q 'console on' "$tmp/$1.log" || fail "the simulated PLC $1 does not start"
+    logs="$logs $name"
+    try grep -q 'console on' "$tmp/$name.log" || fail "the simulated PLC $name does not start"
 }
 
 # The IOC reads st.cmd, then `hold` until we let it go on to its shell.

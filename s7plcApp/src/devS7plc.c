@@ -162,6 +162,7 @@ static int place(dbCommon *prec, devRecord *dev, const plcLink *link, size_t roo
     int out = support->direction == devOut;
 
     dev->image = out ? plcStationOutput(dev->station) : plcStationInput(dev->station);
+    dev->faults = out ? plcStationOutFaults(dev->station) : plcStationInFaults(dev->station);
     dev->type = link->type;
     dev->order = plcLinkOrder(link, plcStationOrder(dev->station));
     dev->offset = link->offset;
@@ -275,9 +276,13 @@ static void attach(dbCommon *prec)
 
     prec->dpvt = dev;
     if (resolve(prec, dev, text, &error) == 0) {
-        if (dev->has & plcHasR)
+        int out = supportOf(prec)->direction == devOut;
+
+        if (dev->has & plcHasR || (out && plcStationShowsOutputs(dev->station)))
             devFollowJoin(prec, dev);
-        if (supportOf(prec)->direction == devOut)
+        if (out && dev->faults)
+            devAwayJoin(prec, dev);
+        if (out)
             plcStationOnTake(dev->station, devFollowAll);
         enlist(prec, dev);
         return;
@@ -419,6 +424,28 @@ PLC_HOT devRecord *devOf(dbCommon *prec)
     return NULL;
 }
 
+/* The PLC may have refused to show this place. */
+static long devUnread(dbCommon *prec, const devRecord *dev)
+{
+    epicsUInt8 mask[DEV_SCALAR];
+    char reason[PLC_REASON_SIZE];
+
+    if (!plcFaultsFind(dev->faults, dev->offset, dev->length, devMask(dev, mask), reason))
+        return 0;
+    recGblSetSevrMsg(prec, READ_ALARM, INVALID_ALARM, "%s", reason);
+    return -1;
+}
+
+const void *devMask(const devRecord *dev, epicsUInt8 bytes[DEV_SCALAR])
+{
+    epicsUInt64 bits = dev->mask ? dev->mask : dev->shifted ? *dev->shifted : 0;
+
+    if (!bits)
+        return NULL;
+    plcPutInt(dev->type, bytes, dev->order, (epicsInt64)bits);
+    return bytes;
+}
+
 PLC_HOT long devFetch(dbCommon *prec, void *bytes)
 {
     const devRecord *dev = devOf(prec);
@@ -428,7 +455,7 @@ PLC_HOT long devFetch(dbCommon *prec, void *bytes)
         return -1;
     if (plcImageRead(dev->image, dev->offset, dev->length, bytes,
                      prec->tse == epicsTimeEventDeviceTime ? &prec->time : NULL) == 0)
-        return 0;
+        return dev->faults ? devUnread(prec, dev) : 0;
     plcImageReason(dev->image, reason);
     recGblSetSevrMsg(prec, COMM_ALARM, INVALID_ALARM, "%s", reason);
     devStampNow(prec);
@@ -455,7 +482,7 @@ long devStore(dbCommon *prec, const void *bytes, const void *mask)
         return -1;
     devStampNow(prec);
     reason[0] = 0;
-    dev->away = 0;
+    dev->raised = 0;
     dev->refused = (dev->shown ? plcStationWriteFollower : plcStationWrite)(
                        dev->station, dev->offset, dev->length, bytes, mask, reason) != 0;
     if (dev->refused)
@@ -464,7 +491,7 @@ long devStore(dbCommon *prec, const void *bytes, const void *mask)
         devWrote(dev, bytes, mask);
     if (dev->shown && !reason[0] && !plcStationTaken(dev->station))
         epicsSnprintf(reason, sizeof(reason), "waiting for the PLC's value");
-    return reason[0] ? devAway(prec, dev, reason) : 0;
+    return reason[0] ? devAway(prec, dev, reason) : devRefused(prec, dev);
 }
 
 long devStoreInt(dbCommon *prec, epicsInt64 value, epicsUInt64 mask)

@@ -38,6 +38,7 @@ typedef struct devRecord {
     plcStation *station; /* NULL: the link was refused */
     char *reason;        /* why, in words for AMSG; NULL when the link is good */
     plcImage *image;     /* input or output of the station */
+    plcFaults *faults;   /* its bits that the PLC did not give or take; NULL: cannot be */
     const plcType *type; /* of one element */
     size_t offset;       /* bytes from the start of the block */
     size_t length;       /* bytes of the whole value */
@@ -61,10 +62,10 @@ typedef struct devRecord {
     int known;         /* shown is filled */
     int following;     /* the record processes in order to follow, not to write */
     int refused;       /* the write that runs was refused by the station */
-    /* outputs whose value waits for the PLC */
+    /* outputs whose value waits for the PLC, or was refused by it */
     ELLNODE awayNode; /* in the list of records that wait, while `waits` */
     int waits;
-    int away; /* the record has its alarm for this, instead of */
+    epicsEnum16 raised; /* the record has this alarm for it (COMM, WRITE; 0: none), instead of */
     epicsEnum16 hiddenStatus, hiddenSeverity; /* this one */
 } devRecord;
 
@@ -134,10 +135,21 @@ int devResolveStatistics(const char *recordType, devRecord *dev, const char *tex
 /* The value of an output is kept, but the PLC is away: raises COMM_ALARM, which ends when
  * the PLC is back. Returns -1; or 0 when the PLC has just come. */
 long devAway(dbCommon *prec, devRecord *dev, const char *reason);
+
+/* The PLC has refused the last value of this place: raises WRITE_ALARM, which ends when it
+ * has taken another. Returns -1; or 0 when it has not. */
+long devRefused(dbCommon *prec, devRecord *dev);
+
+/* The record hears of refusals from now on / of nothing any longer. */
+void devAwayJoin(dbCommon *prec, devRecord *dev);
 void devAwayLeave(devRecord *dev);
 
-/* The PLC is back: ends the alarms of its outputs. In a callback thread. */
-void devAwayEnd(plcStation *station);
+/* The PLC is back, or has refused something or taken it: raises and ends the alarms of its
+ * outputs. In a callback thread. */
+void devAwayUpdate(plcStation *station);
+
+/* The bits of the record's place that are its own, in wire order; NULL: all of them. */
+const void *devMask(const devRecord *dev, epicsUInt8 bytes[DEV_SCALAR]);
 
 /* A one-line warning about the record; it works all the same. */
 void devWarn(dbCommon *prec, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);

@@ -1,8 +1,8 @@
-/* Output records whose value waits for the PLC: their alarm ends when the PLC is back,
- * not only when they process again.
+/* Output records whose alarm depends on what becomes of their value after they processed: it
+ * waits for the PLC, and the alarm ends when the PLC is back; or the PLC refused it, and the
+ * alarm begins then, and ends when it has taken another.
  *
- * The value itself is in the output image and leaves with the next block; nothing is
- * written or processed here.
+ * The value itself is in the output image; nothing is written or processed here.
  */
 #include <stdlib.h>
 
@@ -29,7 +29,7 @@ static void initOnce(void *arg)
     lock = epicsMutexMustCreate();
 }
 
-static void join(dbCommon *prec, devRecord *dev)
+void devAwayJoin(dbCommon *prec, devRecord *dev)
 {
     epicsThreadOnce(&once, initOnce, NULL);
     epicsMutexMustLock(lock);
@@ -52,46 +52,86 @@ void devAwayLeave(devRecord *dev)
 
 static int isAway(devRecord *dev)
 {
-    return !plcStationConnected(dev->station, NULL) ||
+    return !plcStationOutputConnected(dev->station, NULL) ||
            (dev->shown && !plcStationTaken(dev->station));
 }
 
-/* The record joins before it looks whether the PLC is still away: if the PLC comes back
- * after that, the record is found in the list. */
-long devAway(dbCommon *prec, devRecord *dev, const char *reason)
+static int isRefused(const devRecord *dev, char reason[PLC_REASON_SIZE])
+{
+    epicsUInt8 mask[DEV_SCALAR];
+
+    return dev->faults &&
+           plcFaultsFind(dev->faults, dev->offset, dev->length, devMask(dev, mask), reason);
+}
+
+/* Raises an alarm, and keeps in mind which one it hides. Returns -1. */
+static long raiseAlarm(dbCommon *prec, devRecord *dev, epicsEnum16 alarm, const char *reason)
 {
     epicsEnum16 status = prec->nsta, severity = prec->nsev;
 
-    join(prec, dev);
-    if (!isAway(dev))
-        return 0;
-    if (recGblSetSevrMsg(prec, COMM_ALARM, INVALID_ALARM, "%s", reason)) {
-        dev->away = 1;
+    if (recGblSetSevrMsg(prec, alarm, INVALID_ALARM, "%s", reason)) {
+        dev->raised = alarm;
         dev->hiddenStatus = status;
         dev->hiddenSeverity = severity;
     }
     return -1;
 }
 
-/* The record is locked. It shows the alarm that its value has by itself. */
-static void endAlarm(dbCommon *prec, const plcStation *station)
+/* The record joins before it looks whether the PLC is still away: if the PLC comes back
+ * after that, the record is found in the list. */
+long devAway(dbCommon *prec, devRecord *dev, const char *reason)
 {
-    devRecord *dev = prec->dpvt;
+    devAwayJoin(prec, dev);
+    return isAway(dev) ? raiseAlarm(prec, dev, COMM_ALARM, reason) : 0;
+}
 
-    if (!dev || dev->station != station || !dev->away || prec->pact || isAway(dev))
+long devRefused(dbCommon *prec, devRecord *dev)
+{
+    char reason[PLC_REASON_SIZE];
+
+    return isRefused(dev, reason) ? raiseAlarm(prec, dev, WRITE_ALARM, reason) : 0;
+}
+
+/* The record is locked and does not process. Its alarm becomes that of its value, or the
+ * one for a refusal. */
+static void settle(dbCommon *prec, devRecord *dev, const char *refusal)
+{
+    int replaced = prec->stat != dev->raised; /* another one has come in its place */
+
+    dev->raised = 0;
+    if (replaced && !refusal)
         return;
-    dev->away = 0;
-    devAwayLeave(dev);
-    if (prec->stat != COMM_ALARM)
-        return;
+    if (replaced) {
+        dev->hiddenStatus = prec->stat;
+        dev->hiddenSeverity = prec->sevr;
+    }
     plcClearMessage(prec);
     prec->nsta = dev->hiddenStatus;
     prec->nsev = dev->hiddenSeverity;
+    if (refusal)
+        raiseAlarm(prec, dev, WRITE_ALARM, refusal);
     if (recGblResetAlarms(prec))
         db_post_events(prec, NULL, DBE_ALARM);
 }
 
-void devAwayEnd(plcStation *station)
+static void update(dbCommon *prec, const plcStation *station)
+{
+    devRecord *dev = prec->dpvt;
+    char reason[PLC_REASON_SIZE];
+    int refused;
+
+    if (!dev || dev->station != station || prec->pact)
+        return;
+    if (dev->raised == COMM_ALARM && isAway(dev))
+        return;
+    refused = isRefused(dev, reason);
+    if (dev->raised || refused)
+        settle(prec, dev, refused ? reason : NULL);
+    if (!dev->faults)
+        devAwayLeave(dev);
+}
+
+void devAwayUpdate(plcStation *station)
 {
     dbCommon **records;
     size_t count = 0, i;
@@ -99,7 +139,7 @@ void devAwayEnd(plcStation *station)
 
     epicsThreadOnce(&once, initOnce, NULL);
     epicsMutexMustLock(lock);
-    records = callocMustSucceed(ellCount(&waiting) + 1, sizeof(*records), "devAwayEnd");
+    records = callocMustSucceed(ellCount(&waiting) + 1, sizeof(*records), "devAwayUpdate");
     for (node = ellFirst(&waiting); node; node = ellNext(node)) {
         devRecord *dev = CONTAINER(node, devRecord, awayNode);
 
@@ -109,7 +149,7 @@ void devAwayEnd(plcStation *station)
     epicsMutexUnlock(lock);
     for (i = 0; i < count; i++) {
         dbScanLock(records[i]);
-        endAlarm(records[i], station);
+        update(records[i], station);
         dbScanUnlock(records[i]);
     }
     free(records);

@@ -97,23 +97,21 @@ void devFollowAll(plcStation *station)
 {
     if (plcStationTaken(station))
         followAll(station);
-    devAwayEnd(station);
+    devAwayUpdate(station);
 }
 
 void devFollowJoin(dbCommon *prec, devRecord *dev)
 {
     epicsUInt8 mask[DEV_SCALAR];
-    epicsUInt64 bits = dev->mask ? dev->mask : dev->shifted ? *dev->shifted : 0;
 
     epicsThreadOnce(&once, initOnce, NULL);
     if (dev->shifted)
-        dev->mask = bits;
-    if (bits)
-        plcPutInt(dev->type, mask, dev->order, (epicsInt64)bits);
+        dev->mask = *dev->shifted;
     dev->prec = prec;
     dev->shown = callocMustSucceed(1, dev->length + 1, "devFollowJoin");
-    plcStationAddReadback(dev->station, dev, dev->offset, dev->readback, dev->length,
-                          bits ? mask : NULL);
+    plcStationAddReadback(dev->station, dev, dev->offset,
+                          dev->has & plcHasR ? dev->readback : PLC_NO_PLACE, dev->length,
+                          devMask(dev, mask));
     epicsMutexMustLock(lock);
     ellAdd(&followers, &dev->node);
     epicsMutexUnlock(lock);
@@ -164,7 +162,7 @@ long devWrite(dbCommon *prec)
 
     if (dev && dev->following) {
         takeValue(prec, dev);
-        return 0;
+        return devRefused(prec, dev);
     }
     if (dev)
         dev->refused = 0;

@@ -1,4 +1,4 @@
-/* The arguments of s7plcConfigure and phoenixplcConfigure, from text to a station. */
+/* The arguments of the configure commands, from text to a station. */
 #ifndef INC_plcConfigure_H
 #define INC_plcConfigure_H
 
@@ -10,5 +10,13 @@
  * Returns the station; or NULL after one error line, which begins with `command`. */
 plcStation *plcConfigure(const char *command, const char *const args[8],
                          const plcPolicy *policy, void *policyPvt);
+
+/* modbusplcConfigure. args: PLCname, IPaddr, port, unit, inputs, outputs, requestTimeout.
+ * Returns as above. */
+plcStation *plcConfigureModbus(const char *command, const char *const args[7]);
+
+/* s7plcModbusOutput. args: PLCname, IPaddr, port, unit, startRegister. Returns 0, or -1
+ * after one error line. */
+int plcConfigureModbusOutput(const char *command, const char *const args[5]);
 
 #endif /* INC_plcConfigure_H */

@@ -42,7 +42,7 @@ typedef struct plcLink {
 /* Why a link text is refused or doubtful, and where: column 0 is the first character. */
 typedef struct plcLinkError {
     size_t column;
-    char text[640]; /* long enough for what is allowed */
+    char text[800]; /* long enough for what is allowed */
 } plcLinkError;
 
 /* Parses `text` (with or without the leading '@'). Returns 0, or -1 with *error filled.

@@ -119,7 +119,10 @@ static void setLine(plcStation *s, unsigned i, const plcStationConfig *config)
     epicsSnprintf(s->address[i], sizeof(s->address[i]), "%s", config->address[i]);
     s->plus[i] = config->plus[i];
     s->port[i] = config->port;
-    plcConnectionInit(&s->lines[i].connection, s->inSize, s->outSize);
+    if (config->modbus)
+        plcConnectionInit(&s->lines[i].connection, 0, 0); /* others make sense of it */
+    else
+        plcConnectionInit(&s->lines[i].connection, s->inSize, s->outSize);
     if (s->policy->links > 1)
         s->lines[i].spare = callocMustSucceed(1, s->inSize + 1, "plcStationCreate");
 }
@@ -135,6 +138,33 @@ static void startThread(plcStation *s)
         s->started = 0;
         errlogSevPrintf(errlogFatal, "s7plc %s: cannot start its thread\n", s->name);
     }
+}
+
+int plcStationModbusOutput(plcStation *s, const char *host, int port, const plcWire *wire,
+                           char *error, size_t size)
+{
+    const char *why = NULL;
+
+    if (s->started)
+        why = "comes before iocInit";
+    else if (s->modbus.worker)
+        why = "the outputs of this PLC leave over Modbus already";
+    else if (plcStationIsPair(s))
+        why = "not for a redundant pair";
+    else if (s->options.sync)
+        why = "not with sync=on, whose handshake is in the blocks both ways";
+    if (why) {
+        epicsSnprintf(error, size, "%s", why);
+        return -1;
+    }
+    s->outHere = !host[0];
+    epicsSnprintf(s->address[1], sizeof(s->address[1]), "%s", host[0] ? host : s->address[0]);
+    s->port[1] = port;
+    epicsSnprintf(s->outReason, sizeof(s->outReason), "not connected yet");
+    plcConnectionInit(&s->lines[1].connection, 0, 0);
+    plcWireCreate(s, wire, 1);
+    s->lineCount = 2;
+    return 0;
 }
 
 plcStation *plcStationCreate(const plcStationConfig *config)
@@ -166,9 +196,12 @@ plcStation *plcStationCreate(const plcStationConfig *config)
     s->leader = s->lastLeader = s->stats.leader = -1;
     s->stats.state = config->address[0][0] ? plcStateConnecting : plcStateNoAddress;
     epicsSnprintf(s->reason, sizeof(s->reason), "not connected yet");
-    for (i = 0; i < s->policy->links; i++)
+    s->lineCount = s->policy->links;
+    for (i = 0; i < s->lineCount; i++)
         setLine(s, i, config);
     makePipe(s);
+    if (config->modbus)
+        plcWireCreate(s, config->modbus, 0);
 
     lockList();
     ellAdd(&stations, &s->node);
@@ -231,7 +264,8 @@ void plcStationsDestroy(void)
     while ((s = (plcStation *)ellGet(&stations))) {
         if (s->policy->destroy)
             s->policy->destroy(s->policyPvt);
-        for (i = 0; i < s->policy->links; i++) {
+        plcWireDestroy(s);
+        for (i = 0; i < s->lineCount; i++) {
             plcConnectionFree(&s->lines[i].connection);
             free(s->lines[i].spare);
         }
@@ -300,11 +334,10 @@ plcImage *plcStationOutput(plcStation *s)
     return s->out;
 }
 
-static void copyReason(plcStation *s, char reason[PLC_REASON_SIZE])
+/* Why outputs go nowhere. With the lock held. */
+static const char *outReason(const plcStation *s)
 {
-    epicsMutexMustLock(s->lock);
-    memcpy(reason, s->reason, PLC_REASON_SIZE);
-    epicsMutexUnlock(s->lock);
+    return plcLineIsOutput(s, s->modbus.line) ? s->outReason : s->reason;
 }
 
 void plcStationGate(plcStation *s)
@@ -316,7 +349,7 @@ void plcStationGate(plcStation *s)
         why = plcSyncReason(s->stats.syncState);
     else if (s->options.offlineWrites == plcOfflineReject &&
              !epicsAtomicGetIntT(&s->leads))
-        why = s->reason;
+        why = outReason(s);
     epicsSnprintf(s->refusal, sizeof(s->refusal), "%s", why);
     plcImageClose(s->out, s->refusal[0] != 0);
     epicsMutexUnlock(s->lock);
@@ -339,8 +372,7 @@ static int writeOutput(plcStation *s, size_t offset, size_t length, const void *
         epicsAtomicSetIntT(&s->written, 1);
     if (status > 0)
         plcStationWake(s);
-    if (!epicsAtomicGetIntT(&s->leads))
-        copyReason(s, reason);
+    plcStationOutputConnected(s, reason);
     return 0;
 }
 
@@ -361,12 +393,32 @@ size_t plcStationHeader(const plcStation *s)
 void plcStationAddReadback(plcStation *s, const void *key, size_t out, size_t in,
                            size_t length, const void *mask)
 {
-    plcReadbackAdd(s->readback, key, out, in, length, mask);
+    int placed = in != PLC_NO_PLACE;
+
+    if (placed)
+        plcReadbackAdd(s->readback, key, out, in, length, mask);
+    if (s->modbus.worker)
+        plcReadbackAdd(placed ? s->modbus.readback : s->modbus.tracked, key, out, out,
+                       length, mask);
 }
 
 void plcStationRemoveReadback(plcStation *s, const void *key)
 {
     plcReadbackRemove(s->readback, key);
+    if (s->modbus.worker) {
+        plcReadbackRemove(s->modbus.readback, key);
+        plcReadbackRemove(s->modbus.tracked, key);
+    }
+}
+
+int plcStationShowsOutputs(plcStation *s)
+{
+    int track;
+
+    epicsMutexMustLock(s->lock);
+    track = s->options.track;
+    epicsMutexUnlock(s->lock);
+    return s->modbus.worker && track;
 }
 
 long plcStationMirror(plcStation *s)
@@ -417,16 +469,38 @@ int plcStationWriteFollower(plcStation *s, size_t offset, size_t length, const v
     return writeOutput(s, offset, length, data, mask, reason, 1);
 }
 
+/* Fills reason (unless NULL) with why, which is guarded by the lock, unless it is fine. */
+static int sayWhy(plcStation *s, int fine, const char *why, char *reason)
+{
+    if (!reason)
+        return fine;
+    reason[0] = 0;
+    if (fine)
+        return 1;
+    epicsMutexMustLock(s->lock);
+    memcpy(reason, why, PLC_REASON_SIZE);
+    epicsMutexUnlock(s->lock);
+    return 0;
+}
+
 int plcStationConnected(plcStation *s, char reason[PLC_REASON_SIZE])
 {
-    int leads = epicsAtomicGetIntT(&s->leads);
+    return sayWhy(s, epicsAtomicGetIntT(&s->connected), s->reason, reason);
+}
 
-    if (reason) {
-        reason[0] = 0;
-        if (!leads)
-            copyReason(s, reason);
-    }
-    return leads;
+int plcStationOutputConnected(plcStation *s, char reason[PLC_REASON_SIZE])
+{
+    return sayWhy(s, epicsAtomicGetIntT(&s->leads), outReason(s), reason);
+}
+
+plcFaults *plcStationInFaults(plcStation *s)
+{
+    return s->modbus.inFaults;
+}
+
+plcFaults *plcStationOutFaults(plcStation *s)
+{
+    return s->modbus.outFaults;
 }
 
 IOSCANPVT plcStationInRecord(plcStation *s, size_t offset, size_t length,
@@ -502,6 +576,8 @@ int plcStationMove(plcStation *s, const char *text, char *error, size_t size)
         s->port[i] = port;
         s->moved = 1;
     }
+    if (port && s->outHere)
+        strcpy(s->address[s->modbus.line], host);
     epicsMutexUnlock(s->lock);
     if (!port) {
         epicsSnprintf(error, size, "need host:port");
@@ -533,6 +609,11 @@ static int optionsFit(plcStation *s, const plcOptions *o, char *error, size_t si
     };
     size_t i;
 
+    if (o->sync && s->modbus.worker) {
+        epicsSnprintf(error, size, "option sync: the handshake is in the blocks both ways, "
+                      "and this PLC gets its values over Modbus");
+        return -1;
+    }
     if (o->sync && (s->inSize < PLC_HEADER_SIZE || s->outSize < PLC_HEADER_SIZE)) {
         epicsSnprintf(error, size, "option sync: both blocks begin with a header of %d "
                       "bytes; inSize is %u, outSize %u", PLC_HEADER_SIZE,

@@ -14,7 +14,9 @@
 #include <epicsTime.h>
 #include <epicsTypes.h>
 
+#include "plcFaults.h"
 #include "plcImage.h"
+#include "plcModbusPlan.h"
 #include "plcOptions.h"
 #include "plcPolicy.h"
 #include "plcStats.h"
@@ -33,6 +35,15 @@ typedef enum {
     plcStateLayout      /* sync=on, and the layout ids differ */
 } plcStationState;
 
+/* Modbus/TCP: which registers and bits, of which unit. Ranges from plcRangesParse. */
+typedef struct plcWire {
+    int unit;           /* 0 to 255 */
+    plcRange *inputs;   /* allocated: the station takes them over */
+    unsigned inputCount;
+    plcRange *outputs;  /* the same */
+    unsigned outputCount;
+} plcWire;
+
 typedef struct plcStationConfig {
     const char *name;       /* 1 to PLC_NAME_MAX characters, no '/', no blank */
     const char *address[PLC_LINKS_MAX]; /* host name or dotted IP, or "" (records of
@@ -46,6 +57,8 @@ typedef struct plcStationConfig {
     unsigned sendInterval;  /* ms between two output blocks at least */
     const plcPolicy *policy;
     void *policyPvt;
+    const plcWire *modbus;  /* NULL: blocks. Else all data goes over Modbus/TCP; inSize and
+                               outSize are those of the ranges */
 } plcStationConfig;
 
 #define PLC_BLOCK_MAX (16u << 20) /* bytes: a larger block is a typing error */
@@ -53,6 +66,12 @@ typedef struct plcStationConfig {
 /* Makes a station. All arguments have been checked (plcStationConfigure does). Before
  * iocInit its thread waits for plcStationsStart; later it starts at once. */
 plcStation *plcStationCreate(const plcStationConfig *config);
+
+/* Before iocInit: outputs of a station that gets blocks leave over Modbus/TCP, to this host
+ * ("": that of the station) and port. Its output ranges have outSize bytes. Returns 0; or -1
+ * with the message in error. */
+int plcStationModbusOutput(plcStation *station, const char *host, int port,
+                           const plcWire *wire, char *error, size_t size);
 
 /* The station of this name, or NULL. Any thread. */
 plcStation *plcStationFind(const char *name);
@@ -128,19 +147,32 @@ void plcStationAddReadback(plcStation *station, const void *key, size_t out, siz
                            size_t length, const void *mask);
 void plcStationRemoveReadback(plcStation *station, const void *key);
 
+/* True when outputs without R= have to be added too (in: PLC_NO_PLACE), because the PLC shows
+ * them where they are: Modbus, with track=on. */
+int plcStationShowsOutputs(plcStation *station);
+#define PLC_NO_PLACE ((size_t)-1)
+
 /* Where the option readback= shows byte 0 of the output block; -1: not set. */
 long plcStationMirror(plcStation *station);
 
 /* True when the output image holds what the PLC has shown, not only what was written. */
 int plcStationTaken(plcStation *station);
 
-/* follow(station) is called in a callback thread after the PLC came back, and after outputs
- * took values from it. */
+/* follow(station) is called in a callback thread after the PLC came back, after outputs took
+ * values from it, and after it refused or took a value that it had refused. */
 void plcStationOnTake(plcStation *station, void (*follow)(plcStation *station));
 
 /* 1 while TCP to the PLC is up; of a pair: to the one that leads, and in a switch-over
  * while the data is still valid. *reason (may be NULL) says why not. */
 int plcStationConnected(plcStation *station, char reason[PLC_REASON_SIZE]);
+
+/* The same for the connection by which outputs leave, which may be another one (Modbus). */
+int plcStationOutputConnected(plcStation *station, char reason[PLC_REASON_SIZE]);
+
+/* Bits of the input or output image that the PLC did not give or take, and why: where the
+ * wire tells (Modbus), else NULL. Stays the same after iocInit. */
+plcFaults *plcStationInFaults(plcStation *station);
+plcFaults *plcStationOutFaults(plcStation *station);
 
 /* Lists for get_ioint_info. Input: processed when a block came (option scan), and once when
  * data was lost; never before the first block. Length 0: with scan=changed only when data

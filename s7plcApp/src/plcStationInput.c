@@ -39,9 +39,16 @@ void plcInputFollow(plcStation *s, unsigned places)
 void plcInputSetLeads(plcStation *s)
 {
     int before = epicsAtomicGetIntT(&s->leads);
-    int leads = s->leader >= 0 || (plcStationIsPair(s) && s->valid);
+    int connected = s->leader >= 0 || (plcStationIsPair(s) && s->valid);
+    int leads = connected;
 
+    if (plcLineIsOutput(s, s->modbus.line))
+        leads = s->lines[s->modbus.line].connection.state == plcConnectionUp;
+    epicsAtomicSetIntT(&s->connected, connected);
     epicsAtomicSetIntT(&s->leads, leads);
+    epicsMutexMustLock(s->lock);
+    s->stats.outputConnected = leads;
+    epicsMutexUnlock(s->lock);
     plcStationGate(s);
     if (leads && !before)
         plcInputFollow(s, 0);
@@ -65,7 +72,8 @@ PLC_COLD void plcInputInvalidate(plcStation *s, int state, const char *reason)
     plcInputSetState(s, state);
     s->holding = 0;
     s->valid = 0;
-    epicsAtomicSetIntT(&s->taken, 0);
+    if (!plcLineIsOutput(s, s->modbus.line)) /* else the outputs have a fate of their own */
+        epicsAtomicSetIntT(&s->taken, 0);
     plcInputSetLeads(s);
     plcImageInvalidate(s->in, reason);
     if (lost)
@@ -200,6 +208,17 @@ PLC_COLD static void takeReadback(plcStation *s, const void *block)
         plcInputFollow(s, places);
 }
 
+/* The first block of a connection. Where outputs go over Modbus, the registers themselves
+ * tell what the PLC holds; the block does when the PLC does not show them. */
+static void takeShown(plcStation *s, const void *block)
+{
+    if (s->modbus.worker && !s->modbus.unread)
+        return;
+    takeReadback(s, block);
+    if (s->modbus.worker)
+        plcImageOwe(s->out, NULL);
+}
+
 /* Outputs follow the PLC from block to block. */
 static void trackReadback(plcStation *s, const void *block, epicsUInt64 now)
 {
@@ -279,7 +298,7 @@ static int outputsFollow(plcStation *s, const void *block, epicsUInt64 now)
         return 1;
     if (!s->now.sync && plcReadbackCount(s->readback)) {
         if (!epicsAtomicGetIntT(&s->taken))
-            takeReadback(s, block);
+            takeShown(s, block);
         else if (s->now.track)
             trackReadback(s, block, now);
     }

@@ -14,6 +14,10 @@
 #include "plcHot.h"
 #include "plcStationPvt.h"
 
+#ifndef POLLRDHUP
+#define POLLRDHUP 0 /* the worker finds out */
+#endif
+
 /* Waits before attempts to connect, ms: the first at once, then up to the last. */
 static const unsigned backoff[] = {0, 50, 100, 200, 400, 700};
 
@@ -28,13 +32,15 @@ static const char *lineName(plcStation *s, unsigned i)
 {
     static const char *const names[] = {"FIRST ", "SECOND "};
 
-    return plcStationIsPair(s) ? names[i] : "";
+    return plcStationIsPair(s) ? names[i] : plcLineIsModbus(s, i) ? "Modbus " : "";
 }
 
-void plcLineReason(plcStation *s, const char *reason)
+void plcLineReason(plcStation *s, unsigned i, const char *reason)
 {
+    char *to = plcLineIsOutput(s, i) ? s->outReason : s->reason;
+
     epicsMutexMustLock(s->lock);
-    epicsSnprintf(s->reason, sizeof(s->reason), "%s", reason);
+    epicsSnprintf(to, PLC_REASON_SIZE, "%s", reason);
     epicsSnprintf(s->stats.lastError, sizeof(s->stats.lastError), "%s", reason);
     epicsMutexUnlock(s->lock);
     plcStationGate(s);
@@ -80,7 +86,7 @@ PLC_COLD static void setLeader(plcStation *s, int leader, epicsUInt64 now)
         s->dirtySince = 0;
         epicsAtomicSetIntT(&s->sendNow, 0);
         s->nextOutScan = now + plcMsToNs(s->now.sendInterval);
-        if (epicsAtomicGetIntT(&s->written) && !s->now.sync)
+        if (epicsAtomicGetIntT(&s->written) && !s->now.sync && !s->modbus.worker)
             plcImageTouch(s->out);
     }
     plcScanRequestAll(s->statusScan);
@@ -132,8 +138,8 @@ PLC_COLD static void lineFailed(plcStation *s, unsigned i, epicsUInt64 now,
     epicsMutexMustLock(s->lock);
     s->stats.connectErrors++;
     epicsMutexUnlock(s->lock);
-    if (s->leader < 0 && !line->wrongSize)
-        plcLineReason(s, why);
+    if (plcLineIsOutput(s, i) || (s->leader < 0 && !line->wrongSize))
+        plcLineReason(s, i, why);
     if (!line->logged) {
         line->logged = 1;
         epicsSnprintf(text, sizeof(text),
@@ -141,7 +147,7 @@ PLC_COLD static void lineFailed(plcStation *s, unsigned i, epicsUInt64 now,
                       s->address[i], s->plus[i] ? "+1" : "", line->port, why);
         plcStationLog(s, errlogMajor, text);
     }
-    if (s->leader < 0 && !line->wrongSize &&
+    if (!plcLineIsOutput(s, i) && s->leader < 0 && !line->wrongSize &&
         !(plcStationIsPair(s) && (s->valid || otherIsUp(s, i))))
         plcInputInvalidate(s, plcStateConnecting, why);
 }
@@ -175,7 +181,10 @@ PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char
     if (!line->fruitless && !(line->wrongSize && babbles(line)))
         plcStationLog(s, errlogMajor, text);
     /* One that accepts connections and sends nothing says so once. */
-    line->fruitless = s->inSize && !plcStationIsPair(s) && !line->lastBlock;
+    line->fruitless = s->inSize && !plcStationIsPair(s) && !line->lastBlock &&
+                      !plcLineIsOutput(s, i);
+    if (plcLineIsModbus(s, i))
+        plcWireDown(s);
     /* No old block may reach one of a pair when another leads already. */
     if (plcStationIsPair(s))
         plcConnectionAbort(&line->connection, why, now);
@@ -189,7 +198,11 @@ PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char
     epicsMutexMustLock(s->lock);
     s->stats.disconnects++;
     epicsMutexUnlock(s->lock);
-    plcLineReason(s, why);
+    plcLineReason(s, i, why);
+    if (plcLineIsOutput(s, i)) {
+        plcInputSetLeads(s);
+        return;
+    }
     plcLineTellPolicy(s, plcEventLost, i, now);
     /* A pair keeps its data until recvTimeout: the other PLC may be about to take over.
      */
@@ -218,11 +231,17 @@ PLC_COLD static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
     }
     line->logged = 0;
     line->lastBlock = 0;
-    s->frozen = 0;    /* the alive word may have stood still all the time; */
-    s->lastAlive = 0; /* judged from the first block of this connection on */
     epicsMutexMustLock(s->lock);
     s->stats.connects++;
     epicsMutexUnlock(s->lock);
+    if (plcLineIsModbus(s, i))
+        plcWireUp(s);
+    if (plcLineIsOutput(s, i)) {
+        plcInputSetLeads(s);
+        return;
+    }
+    s->frozen = 0;    /* the alive word may have stood still all the time; */
+    s->lastAlive = 0; /* judged from the first block of this connection on */
     plcLineTellPolicy(s, plcEventConnected, i, now);
     if (s->leader == (int)i && s->inSize && !s->valid && !line->wrongSize)
         plcInputInvalidate(s, plcStateWaiting, "connected, waiting for first block");
@@ -287,7 +306,7 @@ PLC_HOT void plcLineStep(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64
             plcEarlier(wake, due);
         }
     }
-    if (c->state == plcConnectionUp && s->inSize &&
+    if (c->state == plcConnectionUp && s->inSize && !plcLineIsModbus(s, i) &&
         (!plcStationIsPair(s) || (int)i == s->leader)) {
         due = (line->lastBlock ? line->lastBlock : c->since) +
               plcMsToNs(s->now.recvTimeout);
@@ -337,7 +356,7 @@ PLC_COLD static void lineWrongSize(plcStation *s, unsigned i, epicsUInt64 now)
     s->stats.sizeMismatches++;
     s->stats.burstSize = (epicsUInt32)burst;
     epicsMutexUnlock(s->lock);
-    plcLineReason(s, why);
+    plcLineReason(s, i, why);
     if (first) {
         countVerdict(line, now);
         if (!babbles(line))
@@ -440,8 +459,21 @@ PLC_HOT void plcLineReady(plcStation *s, unsigned i, short revents, epicsUInt64 
             lineFailed(s, i, now, c->error);
         return;
     }
-    if (c->state == plcConnectionUp && (revents & (POLLIN | POLLHUP | POLLERR)))
+    if (c->state != plcConnectionUp || !(revents & (POLLIN | POLLRDHUP | POLLHUP | POLLERR)))
+        return;
+    if (plcLineIsModbus(s, i))
+        plcLineLost(s, i, now, "closed by the PLC"); /* what it sends is the worker's */
+    else
         lineReceive(s, i, now);
+}
+
+/* What to wait for in poll(). */
+short plcLineEvents(const plcStation *s, unsigned i)
+{
+    const plcConnection *c = &s->lines[i].connection;
+
+    return plcLineIsModbus(s, i) && c->state == plcConnectionUp ? POLLRDHUP
+                                                                : plcConnectionEvents(c);
 }
 
 /* The data of a pair lives on for recvTimeout without a leader. */

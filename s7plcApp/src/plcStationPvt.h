@@ -15,6 +15,7 @@
 #include <epicsMutex.h>
 
 #include "plcConnection.h"
+#include "plcModbus.h"
 #include "plcLink.h"
 #include "plcReadback.h"
 #include "plcSync.h"
@@ -22,6 +23,22 @@
 #include "plcResolver.h"
 #include "plcScan.h"
 #include "plcStation.h"
+
+/* Modbus: what the thread and the worker of the wire hand each other. */
+typedef struct plcModbusSide {
+    plcWire wire;
+    plcModbus *worker;     /* NULL: no Modbus here */
+    unsigned line;         /* its connection; 0: all data goes there, 1: the output */
+    plcFaults *inFaults, *outFaults; /* inFaults is NULL where input comes by block */
+    plcReadback *readback; /* places that take what the registers show at connect */
+    plcReadback *tracked;  /* and whenever it changes */
+    /* owned by the thread */
+    char *input, *output;  /* as news brings them */
+    char *image, *mask;    /* what is written next */
+    int shown;             /* `output` is news that nobody has looked at yet */
+    int unread;            /* the PLC does not show its output registers */
+    epicsUInt64 ordered;   /* when the oldest write under way was made; 0: none is */
+} plcModbusSide;
 
 /* One way to the PLC, with its connection. Owned by the thread. */
 typedef struct plcLine {
@@ -51,6 +68,9 @@ struct plcStation {
     const plcPolicy *policy;
     void *policyPvt;
 
+    plcModbusSide modbus;
+    unsigned lineCount; /* of the policy, and one for output over Modbus */
+
     plcImage *in, *out;
     plcReadback *readback;
     epicsCallback followCallback;
@@ -78,11 +98,14 @@ struct plcStation {
     char address[PLC_LINKS_MAX][PLC_NAME_MAX + 1]; /* host as configured */
     int plus[PLC_LINKS_MAX];
     int port[PLC_LINKS_MAX];
+    int outHere;                   /* output over Modbus goes to the address of line 0 */
     int moved;                     /* an address or a port is new */
     char reason[PLC_REASON_SIZE];  /* why not connected */
+    char outReason[PLC_REASON_SIZE]; /* the same of a line that is only for output */
     char refusal[PLC_REASON_SIZE]; /* why puts are refused, "": they are not */
                                    /* ... to here */
-    int leads;   /* atomic: a line leads, or another is about to; for record threads */
+    int connected; /* atomic: a line leads, or another is about to; for record threads */
+    int leads;   /* atomic: the same of the line that outputs take */
     int waiting; /* atomic: the thread waits for the end of a scan pass */
     int taken;   /* atomic: the output image holds what the PLC has shown */
 
@@ -196,6 +219,9 @@ void plcLineStep(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64 *wake);
 /* The data of a pair lives on for recvTimeout without a leader. */
 void plcLineDataStep(plcStation *s, epicsUInt64 *wake);
 
+/* What poll() is to report about line i, which is not down. */
+short plcLineEvents(const plcStation *s, unsigned i);
+
 /* poll() reported something about line i. */
 void plcLineReady(plcStation *s, unsigned i, short revents, epicsUInt64 now);
 
@@ -206,6 +232,41 @@ void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char *why);
 void plcLineTellPolicy(plcStation *s, plcEvent event, unsigned i, epicsUInt64 now);
 
 /* Why there is no connection, for AMSG and statistics. */
-void plcLineReason(plcStation *s, const char *reason);
+void plcLineReason(plcStation *s, unsigned i, const char *reason);
+
+/* True for a line that only carries output (Modbus), while blocks come by another. */
+static inline int plcLineIsOutput(const plcStation *s, unsigned i)
+{
+    return s->modbus.worker && s->modbus.line == i && i > 0;
+}
+
+/* True for a line that the Modbus worker uses. */
+static inline int plcLineIsModbus(const plcStation *s, unsigned i)
+{
+    return s->modbus.worker && s->modbus.line == i;
+}
+
+/* --- plcStationModbus.c: between the thread and the worker of the wire; the thread only
+ * ----------------------*/
+
+/* The connection is up / is gone. */
+void plcWireUp(plcStation *s);
+void plcWireDown(plcStation *s);
+
+/* What the worker has to tell. */
+void plcWireStep(plcStation *s, epicsUInt64 now);
+
+/* What records have written. */
+void plcWireOutputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake);
+
+/* Hands the options on. */
+void plcWireOptions(plcStation *s);
+
+/* A line for the wire, and one for each range. Any thread. */
+void plcWireReport(plcStation *s, FILE *file);
+
+/* By plcStation.c: makes the worker; frees all. */
+void plcWireCreate(plcStation *s, const plcWire *wire, unsigned line);
+void plcWireDestroy(plcStation *s);
 
 #endif /* INC_plcStationPvt_H */

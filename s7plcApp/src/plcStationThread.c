@@ -114,7 +114,13 @@ static void outputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     plcConnection *c;
     epicsUInt64 due;
 
-    if (!epicsAtomicGetIntT(&s->running) || !s->outSize || s->leader < 0)
+    if (!epicsAtomicGetIntT(&s->running) || !s->outSize)
+        return;
+    if (s->modbus.worker) {
+        plcWireOutputStep(s, now, wake);
+        return;
+    }
+    if (s->leader < 0)
         return;
     c = &s->lines[s->leader].connection;
     if (c->state != plcConnectionUp || !maySend(s))
@@ -141,7 +147,8 @@ static void outputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
 /* Output records with SCAN=I/O Intr: every sendInterval while connected. */
 static void outScanStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
 {
-    if (s->leader < 0 || !epicsAtomicGetIntT(&s->running) || !plcScanCount(s->outScan))
+    if (!epicsAtomicGetIntT(&s->leads) || !epicsAtomicGetIntT(&s->running) ||
+        !plcScanCount(s->outScan))
         return;
     if (now >= s->nextOutScan) {
         plcScanRequestAll(s->outScan);
@@ -196,7 +203,9 @@ PLC_HOT static void takeOrders(plcStation *s, epicsUInt64 now)
     epicsMutexUnlock(s->lock);
     if (changed && s->policy->options)
         s->policy->options(s->policyPvt, &s->now);
-    for (i = 0; moved && i < s->policy->links; i++) {
+    if (changed && s->modbus.worker)
+        plcWireOptions(s);
+    for (i = 0; moved && i < s->lineCount; i++) {
         if (s->lines[i].connection.state == plcConnectionUp)
             plcLineLost(s, i, now, why);
         plcConnectionClose(&s->lines[i].connection, why, now);
@@ -223,10 +232,10 @@ static void begin(plcStation *s)
         plcReadbackAdd(s->readback, s, header, (size_t)s->now.readback + header,
                        s->outSize - header, NULL);
     }
-    for (i = 0; i < s->policy->links; i++)
+    for (i = 0; i < s->lineCount; i++)
         plcLineAddress(s, i, 0);
     if (!s->lines[0].resolver) {
-        plcLineReason(s, "no address configured");
+        plcLineReason(s, 0, "no address configured");
         plcInputInvalidate(s, plcStateNoAddress, "no address configured");
     }
 }
@@ -253,11 +262,11 @@ static void waitFor(plcStation *s, epicsUInt64 wake)
 
     fds[0].fd = s->wakePipe[0];
     fds[0].events = POLLIN;
-    for (i = 0; i < s->policy->links; i++) {
+    for (i = 0; i < s->lineCount; i++) {
         plcConnection *c = &s->lines[i].connection;
 
         fds[i + 1].fd = c->state == plcConnectionDown ? -1 : c->socket;
-        fds[i + 1].events = plcConnectionEvents(c);
+        fds[i + 1].events = plcLineEvents(s, i);
         fds[i + 1].revents = 0;
     }
 #ifdef __linux__
@@ -276,7 +285,7 @@ static void waitFor(plcStation *s, epicsUInt64 wake)
     /* The leader first: who is late to look must not take the other's block for a sign
      * that the leader is silent. */
     first = s->leader > 0 ? s->leader : 0;
-    for (n = 0; n < s->policy->links; n++) {
+    for (n = 0; n < s->lineCount; n++) {
         i = first ^ n;
         if (fds[i + 1].revents)
             plcLineReady(s, i, fds[i + 1].revents, now);
@@ -306,7 +315,9 @@ PLC_HOT void plcStationThread(void *arg)
         }
         if (s->policyWake && s->looked >= s->policyWake)
             plcLineTellPolicy(s, plcEventTick, 0, now);
-        for (i = 0; i < s->policy->links; i++)
+        if (s->modbus.worker)
+            plcWireStep(s, now);
+        for (i = 0; i < s->lineCount; i++)
             plcLineStep(s, i, now, &wake);
         plcLineDataStep(s, &wake);
         plcInputAliveStep(s, now, &wake);
@@ -318,7 +329,9 @@ PLC_HOT void plcStationThread(void *arg)
             plcEarlier(&wake, s->policyWake);
         waitFor(s, wake);
     }
-    for (i = 0; i < s->policy->links; i++) {
+    if (s->modbus.worker)
+        plcWireDown(s);
+    for (i = 0; i < s->lineCount; i++) {
         plcConnectionClose(&s->lines[i].connection, NULL, 0);
         plcResolverRelease(s->lines[i].resolver);
         s->lines[i].resolver = NULL;

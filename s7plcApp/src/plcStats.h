@@ -32,6 +32,8 @@ typedef struct plcStats {
     int syncState;              /* plcSyncState; with sync=on */
     int remote;                 /* 1: REMOTE, 0: LOCAL, as the PLC last said */
     epicsUInt64 syncSince;      /* monotonic ns: when syncState began */
+    int outputConnected;        /* 1: outputs go somewhere; over Modbus this may be another
+                                   connection than that of the blocks */
     char lastError[PLC_TEXT_SIZE];
 
     /* counters since start or plcStatsReset */
@@ -52,12 +54,17 @@ typedef struct plcStats {
     epicsUInt64 disconnects;    /* connections lost */
     epicsUInt64 connectErrors;  /* attempts that failed */
     epicsUInt64 clockErrors;    /* blocks whose PLC clock was nonsense */
+    epicsUInt64 requests;       /* Modbus: all that were sent */
+    epicsUInt64 exceptions;     /* of them the PLC refused */
+    epicsUInt64 requestTimeouts; /* of them it did not answer */
 
     /* times in ms, since start or plcStatsReset */
     double periodLast, periodMin, periodMax, periodMean; /* block to block */
     double jitter;              /* standard deviation of the period */
     double sendLatency;         /* last: first write to last byte in the kernel */
     double sendLatencyMax;
+    double requestLatency;      /* Modbus, last: request to answer */
+    double requestLatencyMax;
     double scanLatency;         /* last: block's arrival to the end of its pass */
     double scanLatencyMax;
     epicsUInt32 periodHist[PLC_BINS];
