@@ -126,7 +126,8 @@ typedef struct plcListener {
     void (*received)(void *pvt, const void *block);
     /* The records have this block now. */
     void (*delivered)(void *pvt, const void *block, const epicsTimeStamp *stamp);
-    /* All bytes of this output block, outSize bytes, are with the kernel. */
+    /* All bytes of this output block, outSize bytes, are with the kernel; over Modbus: what
+     * has changed of it is on its way. */
     void (*sent)(void *pvt, const void *block);
     /* The connection or the validity of the input may have changed: ask again. */
     void (*changed)(void *pvt);

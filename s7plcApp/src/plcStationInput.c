@@ -49,6 +49,8 @@ void plcInputSetLeads(plcStation *s)
     epicsMutexMustLock(s->lock);
     s->stats.outputConnected = leads;
     epicsMutexUnlock(s->lock);
+    if (leads != before)
+        plcStationChanged(s);
     plcStationGate(s);
     if (leads && !before)
         plcInputFollow(s, 0);

@@ -262,6 +262,8 @@ void plcWireOutputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     }
     plcImageTakeChanges(s->out, m->image, m->mask);
     plcModbusWrite(m->worker, m->image, m->mask);
+    if (s->listener && s->listener->sent)
+        s->listener->sent(s->listenerPvt, m->image);
     if (!m->ordered)
         m->ordered = s->dirtySince;
     s->dirtySince = 0;
