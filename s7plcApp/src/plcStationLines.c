@@ -462,7 +462,7 @@ PLC_HOT void plcLineReady(plcStation *s, unsigned i, short revents, epicsUInt64 
     if (c->state != plcConnectionUp || !(revents & (POLLIN | POLLRDHUP | POLLHUP | POLLERR)))
         return;
     if (plcLineIsModbus(s, i))
-        plcLineLost(s, i, now, "closed by the PLC"); /* what it sends is the worker's */
+        plcLineLost(s, i, now, "connection closed by PLC"); /* what it sends is the worker's */
     else
         lineReceive(s, i, now);
 }
