@@ -147,7 +147,7 @@ int plcStationModbusOutput(plcStation *s, const char *host, int port, const plcW
 
     if (s->started)
         why = "comes before iocInit";
-    else if (s->modbus.worker)
+    else if (s->modbus.on)
         why = "the outputs of this PLC leave over Modbus already";
     else if (plcStationIsPair(s))
         why = "not for a redundant pair";
@@ -397,7 +397,7 @@ void plcStationAddReadback(plcStation *s, const void *key, size_t out, size_t in
 
     if (placed)
         plcReadbackAdd(s->readback, key, out, in, length, mask);
-    if (s->modbus.worker)
+    if (s->modbus.on)
         plcReadbackAdd(placed ? s->modbus.readback : s->modbus.tracked, key, out, out,
                        length, mask);
 }
@@ -405,7 +405,7 @@ void plcStationAddReadback(plcStation *s, const void *key, size_t out, size_t in
 void plcStationRemoveReadback(plcStation *s, const void *key)
 {
     plcReadbackRemove(s->readback, key);
-    if (s->modbus.worker) {
+    if (s->modbus.on) {
         plcReadbackRemove(s->modbus.readback, key);
         plcReadbackRemove(s->modbus.tracked, key);
     }
@@ -418,7 +418,7 @@ int plcStationShowsOutputs(plcStation *s)
     epicsMutexMustLock(s->lock);
     track = s->options.track;
     epicsMutexUnlock(s->lock);
-    return s->modbus.worker && track;
+    return s->modbus.on && track;
 }
 
 long plcStationMirror(plcStation *s)
@@ -609,7 +609,7 @@ static int optionsFit(plcStation *s, const plcOptions *o, char *error, size_t si
     };
     size_t i;
 
-    if (o->sync && s->modbus.worker) {
+    if (o->sync && s->modbus.on) {
         epicsSnprintf(error, size, "option sync: the handshake is in the blocks both ways, "
                       "and this PLC gets its values over Modbus");
         return -1;

@@ -214,10 +214,10 @@ PLC_COLD static void takeReadback(plcStation *s, const void *block)
  * tell what the PLC holds; the block does when the PLC does not show them. */
 static void takeShown(plcStation *s, const void *block)
 {
-    if (s->modbus.worker && !s->modbus.unread)
+    if (s->modbus.on && !s->modbus.unread)
         return;
     takeReadback(s, block);
-    if (s->modbus.worker)
+    if (s->modbus.on)
         plcImageOwe(s->out, NULL);
 }
 

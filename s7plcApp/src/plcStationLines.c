@@ -86,7 +86,7 @@ PLC_COLD static void setLeader(plcStation *s, int leader, epicsUInt64 now)
         s->dirtySince = 0;
         epicsAtomicSetIntT(&s->sendNow, 0);
         s->nextOutScan = now + plcMsToNs(s->now.sendInterval);
-        if (epicsAtomicGetIntT(&s->written) && !s->now.sync && !s->modbus.worker)
+        if (epicsAtomicGetIntT(&s->written) && !s->now.sync && !s->modbus.on)
             plcImageTouch(s->out);
     }
     plcScanRequestAll(s->statusScan);

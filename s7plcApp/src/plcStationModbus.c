@@ -35,6 +35,7 @@ void plcWireCreate(plcStation *s, const plcWire *wire, unsigned line)
                             .wake = plcStationWake,
                             .arg = s};
 
+    m->on = 1;
     m->wire = *wire;
     m->line = line;
     m->inFaults = setup.inFaults = wire->inputCount ? plcFaultsCreate(s->inSize) : NULL;
@@ -46,16 +47,31 @@ void plcWireCreate(plcStation *s, const plcWire *wire, unsigned line)
     m->image = m->output + s->outSize;
     m->mask = m->image + s->outSize;
     plcImageTrackWrites(s->out);
-    m->worker = plcModbusCreate(&setup);
+    m->setup = setup;
+    plcWireBegin(s); /* now: it needs a low descriptor, and nobody knows what opens more */
+}
+
+void plcWireBegin(plcStation *s)
+{
+    plcModbusSide *m = &s->modbus;
+
+    if (!m->worker)
+        m->worker = plcModbusCreate(&m->setup);
+}
+
+void plcWireEnd(plcStation *s)
+{
+    plcModbusDestroy(s->modbus.worker);
+    s->modbus.worker = NULL;
 }
 
 void plcWireDestroy(plcStation *s)
 {
     plcModbusSide *m = &s->modbus;
 
-    if (!m->worker)
+    if (!m->on)
         return;
-    plcModbusDestroy(m->worker);
+    plcWireEnd(s);
     plcReadbackDestroy(m->readback);
     plcReadbackDestroy(m->tracked);
     plcFaultsDestroy(m->inFaults);

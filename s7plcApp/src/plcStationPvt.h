@@ -26,8 +26,10 @@
 
 /* Modbus: what the thread and the worker of the wire hand each other. */
 typedef struct plcModbusSide {
+    int on;                /* 0: no Modbus here, and nothing of this is used */
     plcWire wire;
-    plcModbus *worker;     /* NULL: no Modbus here */
+    plcModbusSetup setup;
+    plcModbus *worker;     /* its threads end with ours */
     unsigned line;         /* its connection; 0: all data goes there, 1: the output */
     plcFaults *inFaults, *outFaults; /* inFaults is NULL where input comes by block */
     plcReadback *readback; /* places that take what the registers show at connect */
@@ -237,17 +239,21 @@ void plcLineReason(plcStation *s, unsigned i, const char *reason);
 /* True for a line that only carries output (Modbus), while blocks come by another. */
 static inline int plcLineIsOutput(const plcStation *s, unsigned i)
 {
-    return s->modbus.worker && s->modbus.line == i && i > 0;
+    return s->modbus.on && s->modbus.line == i && i > 0;
 }
 
 /* True for a line that the Modbus worker uses. */
 static inline int plcLineIsModbus(const plcStation *s, unsigned i)
 {
-    return s->modbus.worker && s->modbus.line == i;
+    return s->modbus.on && s->modbus.line == i;
 }
 
 /* --- plcStationModbus.c: between the thread and the worker of the wire; the thread only
  * ----------------------*/
+
+/* The thread begins / ends. */
+void plcWireBegin(plcStation *s);
+void plcWireEnd(plcStation *s);
 
 /* The connection is up / is gone. */
 void plcWireUp(plcStation *s);
@@ -265,7 +271,7 @@ void plcWireOptions(plcStation *s);
 /* A line for the wire, and one for each range. Any thread. */
 void plcWireReport(plcStation *s, FILE *file);
 
-/* By plcStation.c: makes the worker; frees all. */
+/* By plcStation.c, while there is no thread. */
 void plcWireCreate(plcStation *s, const plcWire *wire, unsigned line);
 void plcWireDestroy(plcStation *s);
 

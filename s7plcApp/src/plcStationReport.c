@@ -101,7 +101,7 @@ void plcStationReport(plcStation *s, FILE *file, int level)
         s->policy->report(s->policyPvt, file, level);
     if (level < 1)
         return;
-    if (s->modbus.worker)
+    if (s->modbus.on)
         plcWireReport(s, file);
     plcStationOptionsText(s, text, sizeof(text));
     fprintf(file, "    options: %s\n", text[0] ? text : "all default");

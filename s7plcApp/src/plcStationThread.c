@@ -116,7 +116,7 @@ static void outputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
 
     if (!epicsAtomicGetIntT(&s->running) || !s->outSize)
         return;
-    if (s->modbus.worker) {
+    if (s->modbus.on) {
         plcWireOutputStep(s, now, wake);
         return;
     }
@@ -203,7 +203,7 @@ PLC_HOT static void takeOrders(plcStation *s, epicsUInt64 now)
     epicsMutexUnlock(s->lock);
     if (changed && s->policy->options)
         s->policy->options(s->policyPvt, &s->now);
-    if (changed && s->modbus.worker)
+    if (changed && s->modbus.on)
         plcWireOptions(s);
     for (i = 0; moved && i < s->lineCount; i++) {
         if (s->lines[i].connection.state == plcConnectionUp)
@@ -223,6 +223,8 @@ static void begin(plcStation *s)
     epicsMutexMustLock(s->lock);
     s->optionsChanged = 1;
     epicsMutexUnlock(s->lock);
+    if (s->modbus.on)
+        plcWireBegin(s);
     takeOrders(s, 0);
     plcScanHere(s->inScan);
     plcSyncInit(&s->sync, (epicsUInt16)s->now.layout);
@@ -315,7 +317,7 @@ PLC_HOT void plcStationThread(void *arg)
         }
         if (s->policyWake && s->looked >= s->policyWake)
             plcLineTellPolicy(s, plcEventTick, 0, now);
-        if (s->modbus.worker)
+        if (s->modbus.on)
             plcWireStep(s, now);
         for (i = 0; i < s->lineCount; i++)
             plcLineStep(s, i, now, &wake);
@@ -329,8 +331,8 @@ PLC_HOT void plcStationThread(void *arg)
             plcEarlier(&wake, s->policyWake);
         waitFor(s, wake);
     }
-    if (s->modbus.worker)
-        plcWireDown(s);
+    if (s->modbus.on)
+        plcWireEnd(s);
     for (i = 0; i < s->lineCount; i++) {
         plcConnectionClose(&s->lines[i].connection, NULL, 0);
         plcResolverRelease(s->lines[i].resolver);
