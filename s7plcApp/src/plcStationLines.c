@@ -181,8 +181,9 @@ PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char
     if (!line->fruitless && !(line->wrongSize && babbles(line)))
         plcStationLog(s, errlogMajor, text);
     /* One that accepts connections and sends nothing says so once. */
-    line->fruitless = s->inSize && !plcStationIsPair(s) && !line->lastBlock &&
-                      !plcLineIsOutput(s, i);
+    line->fruitless = plcLineIsOutput(s, i)
+                          ? !epicsAtomicGetIntT(&s->taken)
+                          : s->inSize && !plcStationIsPair(s) && !line->lastBlock;
     if (plcLineIsModbus(s, i))
         plcWireDown(s);
     /* No old block may reach one of a pair when another leads already. */

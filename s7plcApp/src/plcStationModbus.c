@@ -165,16 +165,23 @@ static void countNews(plcStation *s, const plcModbusNews *news, epicsUInt64 now)
     epicsMutexUnlock(s->lock);
 }
 
+/* The connection is good for something: it may be said again when it is lost. */
+static void bearFruit(plcStation *s)
+{
+    plcLine *line = &s->lines[s->modbus.line];
+
+    if (line->fruitless)
+        plcStationLog(s, errlogInfo, "Modbus requests are answered again");
+    line->fruitless = 0;
+}
+
 /* The input image is new. */
 static void inputCame(plcStation *s, const plcModbusNews *news, epicsUInt64 now)
 {
-    plcLine *line = &s->lines[s->modbus.line];
     const char *block = s->modbus.input;
 
-    if (line->fruitless)
-        plcStationLog(s, errlogInfo, "data comes again");
-    line->fruitless = 0;
-    line->lastBlock = now;
+    bearFruit(s);
+    s->lines[s->modbus.line].lastBlock = now;
     plcInputBlock(s, block, s->now.timestamp < 0 ? news->stamp : plcInputStamp(s, block),
                   news->blocks, now);
 }
@@ -189,6 +196,7 @@ static void outputsTake(plcStation *s, const char *shown)
     if (shown)
         places = plcReadbackTake(m->readback, shown, s->out) +
                  plcReadbackTake(m->tracked, shown, s->out);
+    bearFruit(s);
     plcFaultsClearAll(m->outFaults);
     plcImageOwe(s->out, shown);
     s->dirtySince = 0;
