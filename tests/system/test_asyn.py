@@ -1,6 +1,9 @@
 """A station as an asyn port: every interface through asyn's own device support, trace,
 connection, read-back, refusals. Needs the IOC with asyn (ASYN in configure/RELEASE.local)."""
+import os
+import random
 import struct
+import threading
 
 import pytest
 
@@ -504,3 +507,404 @@ def test_readback_of_others(new_peer, new_asyn):
     for name in ("a", "b", "in"):
         ioc.wait_value(name, 772)
     peer.wait_block(bytes([3, 4, 5, 6, 0, 0, 0, 0]))
+
+
+# --- writes that the PLC does not get now -----------------------------------------------------------
+def test_kept(new_peer, new_asyn):
+    """a value written while the PLC is away has COMM, leaves when it is back, and the alarm ends"""
+    peer = new_peer(0, 8)
+    peer.power_off()
+    ioc = new_asyn(peer.configure(send_interval=20),
+                   record("longout", "a", "asynInt32", "@asyn(A)out 0 T=INT16", **RB)
+                   + record("longout", "b", "asynInt32", "@asyn(A)out 2 T=INT16")
+                   + record("longout", "pini", "asynInt32", "@asyn(A)out 4 T=INT16", VAL="3",
+                            PINI="YES"))
+    for name in ("a", "b"):
+        ioc.put(name, 7)
+        assert ioc.alarm(name)[:2] == ("INVALID", "COMM")
+    ioc.wait_log("kept for later: connection refused")
+    peer.power_on()
+    peer.wait_block(struct.pack(">hhhh", 7, 7, 3, 0))
+    ioc.wait_alarm("a", "NO_ALARM")
+    assert ioc.get("a") == 7
+    ioc.put("b", 8)
+    assert ioc.severity("b") == "NO_ALARM"
+
+
+def test_rejected(new_peer, new_asyn):
+    """offlineWrites=reject: WRITE/INVALID with the reason, and nothing leaves later"""
+    peer = new_peer(0, 8)
+    peer.power_off()
+    ioc = new_asyn(peer.configure(send_interval=20),
+                   record("longout", "a", "asynInt32", "@asyn(A)out 0 T=INT16", **RB)
+                   + record("ao", "b", "asynFloat64", "@asyn(A)out 2 T=INT16"),
+                   options=["offlineWrites reject"])
+    for name in ("a", "b"):
+        ioc.put(name, 7)
+        assert ioc.alarm(name)[:2] == ("INVALID", "WRITE")
+    ioc.wait_log("refused: connection refused")
+    peer.power_on()
+    peer.wait_connected()
+    until(lambda: "PLC: connected" in ioc.command("asynReport 0 A"))
+    ioc.put("a", 9)
+    peer.wait_block(struct.pack(">hhhh", 9, 0, 0, 0))
+    assert ioc.severity("a") == "NO_ALARM"
+
+
+SYNC = """
+name = PLC1
+port = 0
+in = 32
+out = 16
+byteorder = big
+period = 20 ms
+sync = on
+watchdog = 10 min
+db 10 12 Setpoints
+tx P#DB10.DBX0.0 BYTE 12 -> 4
+rx 4 -> P#DB10.DBX0.0 BYTE 12
+"""
+
+
+def test_sync(new_sim, new_asyn):
+    """with sync=on a put is refused in LOCAL, and asyn:READBACK takes the value back"""
+    sim = new_sim(SYNC)
+    ioc = new_asyn(f's7plcConfigure("PLC", "127.0.0.1", {sim.port}, 32, 16, 1, 2000, 50)',
+                   record("longout", "a", "asynInt32", "@asyn(A)out 4 T=INT16 R=4", **RB)
+                   + record("longout", "head", "asynInt32", "@asyn(A)out 2 T=INT16")
+                   + record("longin", "state", "S7plc stats", "@PLC/syncState",
+                            SCAN="I/O Intr"),
+                   options=["sync on"])
+    ioc.wait_log("bytes 0 to 3 are the header of the sync handshake; allowed: 4 and up")
+    ioc.wait_value("state", 3)  # synced
+    ioc.put("a", 5)
+    assert ioc.severity("a") == "NO_ALARM"
+    until_equal(lambda: sim.command("get DB10.0 INT16"), "DB10.0 INT16 = 5")
+    sim.command("local")
+    ioc.wait_value("state", 4)  # local
+    ioc.put("a", 6)
+    ioc.wait_alarm("a", "INVALID", "WRITE")
+    ioc.wait_value("a", 5)
+    assert ioc.alarm("a")[:2] == ("INVALID", "WRITE")
+    ioc.wait_log("refused: PLC in LOCAL")
+    sim.command("remote")
+    ioc.wait_value("state", 3)  # synced
+    ioc.put("a", 7)
+    assert ioc.severity("a") == "NO_ALARM"
+
+
+# --- asynRecord, trace, report ------------------------------------------------------------------------
+ASYN = ('record(asyn, "$(P)port") { field(DTYP, "asynRecordDevice") field(PORT, "A") '
+        'field(ADDR, "0") field(OMAX, "80") field(IMAX, "80") }\n')
+
+
+def test_asyn_record(new_peer, new_asyn):
+    """asynRecord shows the connection, and disconnects and connects the port, not the PLC"""
+    peer = new_peer(16, 0)
+    ioc = new_asyn(peer.configure(recv_timeout=60000),
+                   ASYN + record("longin", "a", "asynInt32", "@asyn(A)0", SCAN="I/O Intr")
+                   + record("longin", "poll", "asynInt32", "@asyn(A)0", SCAN=".1 second")
+                   + record("longin", "s7", "S7plc", "@PLC/0", SCAN="I/O Intr"))
+    peer.wait_connected()
+    ioc.wait_value("port.CNCT", 1)
+    assert ioc.text("port.PCNCT") == "Connect"
+    peer.every(0.02, struct.pack(">h14x", 1))
+    ioc.wait_value("a", 1)
+    ioc.put("port.CNCT", 0)
+    ioc.wait_value("port.CNCT", 0)
+    for name in ("a", "poll"):
+        ioc.wait_alarm(name, "INVALID", "COMM")
+    peer.every(0.02, struct.pack(">h14x", 2))
+    ioc.wait_value("s7", 2)
+    assert ioc.severity("s7") == "NO_ALARM"
+    assert ioc.get("a") == 1
+    assert "disconnected by a user" in ioc.command("asynReport 0 A")
+    ioc.put("port.CNCT", 1)
+    ioc.wait_value("port.CNCT", 1)
+    for name in ("a", "poll"):
+        ioc.wait_value(name, 2)
+        ioc.wait_alarm(name, "NO_ALARM")
+    # the PLC itself
+    peer.stop_sending()
+    peer.power_off()
+    ioc.wait_value("port.CNCT", 0)
+    ioc.put("port.CNCT", 1)
+    until(lambda: "connection refused" in ioc.text("port.ERRS"))
+    peer.power_on()
+    ioc.wait_value("port.CNCT", 1)
+
+
+def hex_of(block):
+    """As asyn prints it: 20 bytes in a line."""
+    return "".join("\n" + "".join(f"{b:02x} " for b in block[i:i + 20])
+                   for i in range(0, len(block), 20))
+
+
+def test_trace(new_peer, new_asyn, tmp_path):
+    """asynRecord switches the trace: blocks in and out in hex, flow, into a file; and off"""
+    peer = new_peer(24, 8)
+    ioc = new_asyn(peer.configure(recv_timeout=60000, send_interval=20),
+                   ASYN + record("longin", "a", "asynInt32", "@asyn(A)0", SCAN="I/O Intr")
+                   + record("longout", "o", "asynInt32", "@asyn(A)out 0"))
+    peer.wait_connected()
+    ioc.wait_value("port.CNCT", 1)
+    file = tmp_path / "trace"
+    ioc.command(f'asynSetTraceFile A 0 "{file}"')
+    ioc.put("port.TB3", 1)    # ASYN_TRACEIO_DRIVER
+    ioc.put("port.TIB2", 1)   # ASYN_TRACEIO_HEX
+    block = struct.pack(">h", 4711) + bytes(range(22))
+    peer.send(block)
+    until(lambda: f" in, 24 bytes\n{hex_of(block)}" in file.read_text(), file.read_text)
+    ioc.put("o", 258)
+    until(lambda: f" out, 8 bytes\n{hex_of(bytes([1, 2, 0, 0, 0, 0, 0, 0]))}" in file.read_text(),
+          file.read_text)
+    assert "callbacks" not in file.read_text()
+    ioc.put("port.TSIZ", 4)
+    peer.send(block)
+    until(lambda: f" in, 24 bytes\n{hex_of(block[:4])}\n" in file.read_text(), file.read_text)
+    ioc.put("port.TB4", 1)    # ASYN_TRACE_FLOW
+    peer.send(block)
+    until(lambda: "A 1 callbacks for a block" in file.read_text(), file.read_text)
+    peer.hang_up()
+    until(lambda: "A disconnected: " in file.read_text(), file.read_text)
+    peer.wait_connected(2)
+    until(lambda: "A connected" in file.read_text(), file.read_text)
+    ioc.put("port.TMSK", 1)
+    size = file.stat().st_size
+    peer.send(struct.pack(">h", 1) + bytes(22))
+    ioc.wait_value("a", 1)
+    ioc.command("")
+    assert file.stat().st_size == size
+
+
+def test_slow_trace(new_peer, new_asyn, tmp_path):
+    """a trace file that nobody reads holds up neither blocks nor records; drops are counted"""
+    fifo = tmp_path / "fifo"
+    os.mkfifo(fifo)
+    reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
+    peer = new_peer(4000, 0)
+    ioc = new_asyn(peer.configure(recv_timeout=60000),
+                   record("longin", "a", "asynInt32", "@asyn(A)0 T=UINT16", SCAN="I/O Intr")
+                   + record("longin", "s7", "S7plc", "@PLC/0 T=UINT16", SCAN="I/O Intr"))
+    peer.wait_connected()
+    ioc.command(f'asynSetTraceFile A 0 "{fifo}"')
+    ioc.command("asynSetTraceIOTruncateSize A 0 4000")
+    ioc.command("asynSetTraceIOMask A 0 4")
+    ioc.command("asynSetTraceMask A 0 8")
+    for n in range(1, 400):
+        peer.send(struct.pack(">H", n) + bytes(3998))
+        ioc.wait_value("s7", n)
+        ioc.wait_value("a", n)
+    # read it: the trace goes on, and tells how many were lost
+    text = bytearray()
+
+    def read():
+        os.set_blocking(reader, True)
+        while True:
+            data = os.read(reader, 65536)
+            if not data:
+                return
+            text.extend(data)
+    threading.Thread(target=read, daemon=True).start()
+    until(lambda: b"traces were dropped: printing is too slow" in text, "drops told")
+    ioc.command("asynSetTraceMask A 0 1")
+
+
+def test_report(new_peer, new_asyn):
+    """asynReport and s7plcShow tell what the port does, the more the higher the level"""
+    peer = new_peer(16, 8)
+    ioc = new_asyn(peer.configure(recv_timeout=60000),
+                   record("longin", "a", "asynInt32", "@asyn(A)0", SCAN="I/O Intr")
+                   + record("longout", "o", "asynInt32", "@asyn(A)out 4 R=4", **RB)
+                   + record("longin", "bad", "asynInt32", "@asyn(A)0 T=REAL32"))
+    peer.wait_connected()
+    peer.send(bytes(16))
+    ioc.put("bad.PROC", 1, wait=False)
+    until(lambda: "PLC PLC: connected" in ioc.command("asynReport 0 A"))
+    one = ioc.command("asynReport 1 A")
+    assert "3 places, 2 who are called back" in one and "0 traces dropped" in one
+    assert "in 16 bytes, out 8 bytes" in one
+    two = ioc.command("asynReport 2 A")
+    assert '"out 4 R=4" asynInt32, 1 called back' in two
+    until(lambda: '"0 T=REAL32" (in) asynInt32 REFUSED' in ioc.command("asynReport 2 A"))
+    shown = ioc.command("s7plcShow PLC records")
+    assert "asynInt32" in shown, shown
+
+
+# --- many ---------------------------------------------------------------------------------------------
+BLOCK_SIZE = 1024
+COUNT_AT = BLOCK_SIZE - 4
+KINDS = [  # record type, link, asyn DTYP, fields, bytes
+    ("ai", "T=INT16", "asynInt32", "", 2),
+    ("ai", "T=INT16 L=-5000 H=5000", "asynInt32",
+     'field(LINR, "LINEAR") field(EGUL, "-1") field(EGUF, "1")', 2),
+    ("ai", "T=REAL32", "asynFloat64", "", 4),
+    ("ai", "T=REAL64", "asynFloat64", "", 8),
+    ("ai", "T=INT32", "asynFloat64", "", 4),
+    ("longin", "T=INT8", "asynInt32", "", 1),
+    ("longin", "T=UINT16", "asynInt32", "", 2),
+    ("longin", "T=INT32 W=low", "asynInt32", "", 4),
+    ("longin", "T=UINT32", "asynInt32", "", 4),
+    ("bi", "T=WORD B=11", "asynInt32", "", 2),
+    ("mbbi", "T=BYTE", "asynUInt32Digital", 'field(NOBT, "4")', 1),
+    ("mbbiDirect", "T=WORD", "asynUInt32Digital", 'field(NOBT, "16")', 2),
+]
+if HAVE_INT64:
+    KINDS += [("int64in", "T=INT64", "asynInt64", "", 8)]
+
+
+def pair_records(rng, count):
+    """count pairs of records at random places, each with a calc that is 1 when they differ."""
+    db = ""
+    for i in range(count):
+        rtype, link, dtyp, fields, size = KINDS[i % len(KINDS)]
+        place = f"{rng.randrange(COUNT_AT - size)} {link}"
+        mask = {"mbbi": "Mask(A,0,15)", "mbbiDirect": "Mask(A,0,65535)"}.get(rtype, "(A)")
+        for name, driver, text in ((f"a{i}", dtyp, f"@asyn{mask}{place}"),
+                                   (f"s{i}", "S7plc", f"@PLC/{place}")):
+            db += (f'record({rtype}, "$(P){name}") {{ field(DTYP, "{driver}") field(INP, "{text}") '
+                   f'field(SCAN, "I/O Intr") {fields} }}\n')
+        db += (f'record(calc, "$(P)d{i}") {{ field(INPA, "$(P)a{i}") field(INPB, "$(P)s{i}") '
+               f'field(SCAN, "Event") field(EVNT, "compare") '
+               f'field(CALC, "(A=B||(ISNAN(A)&&ISNAN(B)))?0:1") }}\n')
+    return db
+
+
+def sums(names, level=1):
+    """Records that add these up, 12 at a time, one level after the other; the last is "sum"."""
+    db, above = "", []
+    for i in range(0, len(names), 12):
+        name = f"sum{level}_{i // 12}" if len(names) > 12 else "sum"
+        part = names[i:i + 12]
+        inputs = "".join(f'field(INP{"ABCDEFGHIJKL"[k]}, "$(P){n}") ' for k, n in enumerate(part))
+        db += (f'record(calc, "$(P){name}") {{ {inputs} field(SCAN, "Event") field(EVNT, "compare") '
+               f'field(PHAS, "{level}") field(CALC, "{"+".join("ABCDEFGHIJKL"[:len(part)])}") }}\n')
+        above.append(name)
+    return db if len(names) <= 12 else db + sums(above, level + 1)
+
+
+@pytest.mark.parametrize("scan", ["all", "changed"])
+def test_thousand(new_peer, new_asyn, scan):
+    """1,000 records by asyn equal 1,000 by "S7plc" over 1,000 random blocks, scan={scan}"""
+    rng = random.Random(4711)
+    pairs, blocks = 1000, 1000
+    names = [f"d{i}" for i in range(pairs)]
+    db = pair_records(rng, pairs) + sums(names)
+    # the last of a pass: waveforms are the last records that register, and PHAS tells ours
+    db += record("waveform", "aEnd", "asynInt32ArrayIn", f"@asyn(A){COUNT_AT} T=INT32",
+                 FTVL="LONG", NELM="1", SCAN="I/O Intr")
+    db += record("longin", "sEnd", "S7plc", f"@PLC/{COUNT_AT} T=INT32", SCAN="I/O Intr",
+                 PHAS="9")
+    # and one pair that differs: the comparison works
+    db += record("longin", "other", "asynInt32", "@asyn(A)0 T=INT32", SCAN="I/O Intr")
+    db += record("longin", "another", "S7plc", "@PLC/1 T=INT32", SCAN="I/O Intr")
+    db += ('record(calc, "$(P)differs") { field(INPA, "$(P)other") field(INPB, "$(P)another") '
+           'field(INPC, "$(P)differs") field(SCAN, "Event") field(EVNT, "compare") '
+           'field(CALC, "(A=B)?C:C+1") }\n')
+    db += ('record(event, "$(P)compare") { field(VAL, "compare") }\n'
+           'record(calc, "$(P)checked") { field(INPA, "$(P)aEnd") field(CALC, "A") field(PHAS, "9") '
+           'field(SCAN, "Event") field(EVNT, "compare") }\n')
+    peer = new_peer(BLOCK_SIZE, 0)
+    ioc = new_asyn(peer.configure(recv_timeout=60000), db, options=[f"scan {scan}"])
+    peer.wait_connected()
+    data = bytearray(BLOCK_SIZE)
+    for n in range(1, blocks + 1):
+        if scan == "all":
+            data[:COUNT_AT] = rng.randbytes(COUNT_AT)
+        else:  # a few bytes here and there
+            for _ in range(30):
+                data[rng.randrange(COUNT_AT)] = rng.randrange(256)
+        struct.pack_into(">i", data, COUNT_AT, n)
+        peer.send(bytes(data))
+        ioc.wait_value("aEnd", n)
+        ioc.wait_value("sEnd", n)
+        ioc.put("compare.PROC", 1)
+        ioc.wait_value("checked", n)
+        differ = ioc.get("sum")
+        assert differ == 0, [(name, ioc.get(f"a{name[1:]}"), ioc.get(f"s{name[1:]}"))
+                             for name in names if ioc.get(name)][:5]
+    assert ioc.get("differs") > blocks * 0.9
+    values = {ioc.get(f"a{i}") for i in range(100)}
+    assert len(values) > 50  # they do move
+
+
+def test_flood(new_peer, new_asyn):
+    """6,000 I/O Intr records and a PLC that floods: no callback is lost, the newest block wins"""
+    count = 6000
+    peer = new_peer(64, 0)
+    db = "".join(record("longin", f"a{i}", "asynInt32", "@asyn(A)60 T=INT32", SCAN="I/O Intr")
+                 for i in range(count))
+    ioc = new_asyn(peer.configure(recv_timeout=60000), db)
+    peer.wait_connected()
+    for n in range(1, 3000):
+        peer.send(bytes(60) + struct.pack(">i", n))
+    peer.send(bytes(60) + struct.pack(">i", 3000))
+    for i in (0, 1, count // 2, count - 1):
+        ioc.wait_value(f"a{i}", 3000)
+    values = set()
+    for line in ioc.command('dbl longin VAL', limit=60).splitlines():
+        if line.startswith(ioc.P):
+            values.add(line.split()[-1].strip('"'))
+    assert values == {"3000"}, values
+    assert "ring buffer" not in ioc.log and "full" not in ioc.log
+    assert "callbackRequest" not in ioc.log
+
+
+def test_exit_busy(new_peer, new_asyn):
+    """the IOC ends at once while blocks, callbacks and traces are under way"""
+    peer = new_peer(64, 8)
+    db = "".join(record("longin", f"a{i}", "asynInt32", "@asyn(A)60 T=INT32", SCAN="I/O Intr")
+                 for i in range(1000))
+    ioc = new_asyn(peer.configure(recv_timeout=60000), db)
+    peer.wait_connected()
+    ioc.command("asynSetTraceMask A 0 0x19")
+    ioc.command("asynSetTraceFile A 0 /dev/null")
+    peer.every(0.0005, bytes(64))
+    until(lambda: int(ioc.command("asynReport 1 A").split(" callbacks in")[0].split()[-1]) > 10000)
+    assert ioc.exit() == 0
+
+
+PAIR = """
+name = PLC
+port = 0
+role = pair
+address = 127.0.0.2
+switchover = 300 ms
+in = 32
+out = 16
+period = 20 ms
+signal 0 UINT32 counter
+mirror 0 16 -> 16
+"""
+
+
+def test_pair(new_sim, new_ioc):
+    """a redundant pair is one asyn port: a switch-over neither disconnects nor invalidates it"""
+    sim = new_sim(PAIR)
+    ioc = new_ioc(f'phoenixplcConfigure("PLC", "127.0.0.2", {sim.port}, 32, 16, 1, 2000, 20, 1)\n'
+                  'drvAsynS7plcConfigure("A", "PLC")',
+                  ASYN + record("int64in" if HAVE_INT64 else "longin", "count",
+                                "asynInt64" if HAVE_INT64 else "asynInt32", "@asyn(A)0 T=UINT32",
+                                SCAN="I/O Intr", FLNK="$(P)worst")
+                  + record("longout", "o", "asynInt32", "@asyn(A)out 0 T=INT16 R=16", **RB)
+                  + record("mbbi", "backup", "phoenixplc", "@PLC", SCAN="I/O Intr")
+                  + 'record(calc, "$(P)worst") { field(INPA, "$(P)count.SEVR") '
+                  'field(INPB, "$(P)port.CNCT") field(CALC, "A>C?A:C") field(INPC, "$(P)worst") }\n',
+                  program="phoenixIoc")
+    ioc.wait_value("port.CNCT", 1)
+    ioc.wait_value("backup", 4)  # plc-2nd linked
+    ioc.put("o", 7)
+    before = ioc.get("count")
+    until(lambda: ioc.get("count") > before)
+    sim.command("switchover")
+    ioc.wait_value("backup", 3)
+    count = ioc.get("count")
+    until(lambda: ioc.get("count") > count + 5)
+    assert ioc.get("worst") == 0
+    assert ioc.get("port.CNCT") == 1
+    ioc.put("o", 8)
+    assert ioc.severity("o") == "NO_ALARM"
+    sim.command("unplug 1")
+    sim.command("unplug 2")
+    ioc.wait_value("port.CNCT", 0)
+    ioc.wait_alarm("count", "INVALID", "COMM")
