@@ -4,12 +4,13 @@
 # There is `make demo-redundant` too: a redundant pair of PLCs, and a cable that is pulled.
 # And `make demo-sync`: an IOC with the values of yesterday meets a plant that runs;
 # `make demo-modbus`: setpoints over Modbus, acknowledged or refused.
+# `make demo-asyn`, where ASYN is set: the same PLC as an asyn port, side by side.
 # In a tree with configure/RELEASE.local (or EPICS_BASE set), plain `make` is a plain EPICS
 # build and installs nothing on the machine.
 
 TOP = .
 
-.PHONY: demo demo-redundant demo-sync demo-modbus test bench
+.PHONY: demo demo-redundant demo-sync demo-asyn demo-modbus test bench
 
 ifneq ($(words $(CURDIR)),1)
   $(error EPICS cannot build in a path with a blank: "$(CURDIR)". Move the tree)
@@ -25,6 +26,7 @@ ifneq ($(filter demo demo-% test bench,$(MAKECMDGOALS)),)
   demo: ; @+$(BUILD) && exec iocBoot/iocS7plc/demo
   demo-redundant: ; @+$(BUILD) && exec iocBoot/iocPhoenix/demo
   demo-sync: ; @+$(BUILD) && exec iocBoot/iocSync/demo
+  demo-asyn: ; @+$(BUILD) && exec iocBoot/iocAsyn/demo
   demo-modbus: ; @+$(BUILD) && exec iocBoot/iocModbus/demo
   test: ; @+tests/run
   bench: ; @+$(BUILD) && exec tests/bench/run

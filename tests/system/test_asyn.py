@@ -3,6 +3,7 @@ connection, read-back, refusals. Needs the IOC with asyn (ASYN in configure/RELE
 import os
 import random
 import struct
+import subprocess
 import threading
 
 import pytest
@@ -908,3 +909,11 @@ def test_pair(new_sim, new_ioc):
     sim.command("unplug 2")
     ioc.wait_value("port.CNCT", 0)
     ioc.wait_alarm("count", "INVALID", "COMM")
+
+
+def test_demo():
+    """make demo-asyn ends well: the same values side by side, and a trace"""
+    done = subprocess.run([TOP / "iocBoot/iocAsyn/demo"], stdin=subprocess.DEVNULL,
+                          capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.endswith("demo ok\n")
