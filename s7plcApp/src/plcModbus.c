@@ -992,6 +992,7 @@ static void beginSession(plcModbus *m)
         giveUp(m);
         return;
     }
+    modbus_flush(plcModbusWireContext(m->wire)); /* should a request have failed halfway */
     if (enter(m)) {
         epicsMutexUnlock(m->lock);
         planSession(m);
