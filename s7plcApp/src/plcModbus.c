@@ -84,6 +84,7 @@ struct plcModbus {
     session session;
     epicsUInt8 *in, *out;         /* the images as the PLC has them */
     epicsUInt8 *leaving, *values; /* bits that a plan writes, and their values */
+    epicsUInt8 *unsure;           /* bits under way when a connection ended */
     epicsUInt8 *ownGlueIn, *ownGlueOut;
     plcPiece *pieces;
     epicsUInt16 beatCount;
@@ -134,6 +135,7 @@ plcModbus *plcModbusCreate(const plcModbusSetup *setup)
     m->owed = zeroed(setup->outSize);
     m->leaving = zeroed(setup->outSize);
     m->values = zeroed(setup->outSize);
+    m->unsure = zeroed(setup->outSize);
     m->pieces = zeroed((most + 1) * sizeof(*m->pieces));
     m->wire = plcModbusWireCreate(setup->name, setup->unit, signalWorker, m);
     return m;
@@ -181,6 +183,7 @@ void plcModbusDestroy(plcModbus *m)
     free(m->owed);
     free(m->leaving);
     free(m->values);
+    free(m->unsure);
     free(m->pieces);
     free(m->session.turns);
     free(m);
@@ -592,8 +595,13 @@ static void settle(plcModbus *m, const plcRequest *q, const char *reason)
         size_t k, size = pieceBytes(q, p);
 
         pieceMask(q, p, mask);
-        for (k = 0; k < size; k++)
+        for (k = 0; k < size; k++) {
+            epicsUInt8 *unsure = &m->unsure[p->offset + k];
+
             mask[k] &= m->leaving[p->offset + k];
+            *unsure &= (epicsUInt8)~mask[k];
+            *unsure |= m->session.lost[0] ? mask[k] : 0;
+        }
         if (reason[0]) {
             changed |= plcFaultsSet(m->setup.outFaults, p->offset, size, mask, reason);
         } else {
@@ -658,6 +666,12 @@ static int lessMayHelp(int code)
     return code >= 2 && code <= 4;
 }
 
+/* With singleWrite a PLC may have no function for more than one. */
+static int halvesMayHelp(const plcModbus *m, int code)
+{
+    return lessMayHelp(code) || (code == 1 && m->session.options.singleWrite);
+}
+
 static int writeOne(plcModbus *m, const plcRequest *request);
 
 /* Returns as writeOne does. */
@@ -666,7 +680,7 @@ static int refused(plcModbus *m, const plcRequest *q, int code)
     plcRequest half[2];
     char reason[PLC_REASON_SIZE];
 
-    if (lessMayHelp(code) &&
+    if (halvesMayHelp(m, code) &&
         plcPlanHalve(m->setup.outputs, m->setup.outputCount,
                      m->session.knowsOut ? m->ownGlueOut : NULL, q, half))
         return writeOne(m, &half[0]) || writeOne(m, &half[1]) ? -1 : 0;
@@ -834,6 +848,23 @@ static void inputRead(plcModbus *m, turn *t, int code)
     epicsMutexUnlock(m->lock);
 }
 
+/* A write without an answer may have come through: where the PLC shows what was written,
+ * it is no fault. The lock is held. */
+static void checkUnsure(plcModbus *m)
+{
+    size_t i;
+
+    for (i = 0; i < m->setup.outSize; i++) {
+        epicsUInt8 good = m->unsure[i];
+
+        good &= (epicsUInt8)~((m->out[i] ^ m->values[i]) | m->owed[i]);
+        if (!good)
+            continue;
+        m->unsure[i] &= (epicsUInt8)~good;
+        m->news.outFaults |= plcFaultsClear(m->setup.outFaults, i, 1, &good);
+    }
+}
+
 /* All output ranges have been read, or refused. */
 static void tellOutputs(plcModbus *m)
 {
@@ -843,6 +874,7 @@ static void tellOutputs(plcModbus *m)
     if (!enter(m))
         return;
     if (!s->refusal[0]) {
+        checkUnsure(m);
         memcpy(m->outNews, m->out, m->setup.outSize);
         /* What is ordered is newer than what was read. */
         mix(m->outNews, m->order, m->owed, m->setup.outSize);
@@ -992,7 +1024,7 @@ static void beginSession(plcModbus *m)
         giveUp(m);
         return;
     }
-    modbus_flush(plcModbusWireContext(m->wire)); /* should a request have failed halfway */
+    modbus_flush(plcModbusWireContext(m->wire)); /* if a request has failed halfway */
     if (enter(m)) {
         epicsMutexUnlock(m->lock);
         planSession(m);

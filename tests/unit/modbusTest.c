@@ -753,6 +753,16 @@ static void testWrites(void)
     testOk(plcCoil(p, 0) == 0 && plcRegister(p, 100) == 77 && plcAsked(p, 5, 0) == 1 &&
                plcAsked(p, 6, 100) == 1,
            "singleWrite: FC5 and FC6");
+    plcOneRule(p, 16, 0, 999, refuses, 1);
+    w->all.exceptions = 0;
+    for (i = 0; i < 5; i++)
+        putRegister(w, i, 0x600 + i);
+    sendOrders(w);
+    UNTIL(w, w->all.writes == 12 && w->all.idle);
+    testOk(plcRegister(p, 100) == 0x600 && plcRegister(p, 104) == 0x604 &&
+               w->all.exceptions,
+           "singleWrite, and no FC16: one by one");
+    w->all.exceptions = 0;
     testOk(!w->all.outFaults && !w->all.lost && !w->log[0] && w->all.exceptions == 0,
            "no faults, nothing to log");
     worldDestroy(w);
@@ -1048,6 +1058,7 @@ static void testLosses(void)
     plc *p = plcCreate();
     world *w = worldCreate(p, "", "holding 0 10", 1);
     size_t i;
+    int good;
 
     for (i = 0; i < COUNT(losses); i++) {
         plcSetRules(p, NULL, 0);
@@ -1072,6 +1083,24 @@ static void testLosses(void)
                "the write that was under way is faulty, for the same reason");
         plcModbusStop(w->modbus);
     }
+    /* A PLC that has taken a value, and does not say so */
+    plcSetRules(p, NULL, 0);
+    start(w, NULL, NULL);
+    UNTIL(w, w->all.shown);
+    plcOneRule(p, 16, 0, 9, closesWithin, 0);
+    putRegister(w, 2, 0x101);
+    putRegister(w, 3, 0x102);
+    sendOrders(w);
+    UNTIL(w, w->all.lost && plcRegister(p, 2) == 0x101);
+    plcModbusStop(w->modbus);
+    plcSetRegister(p, 3, 0);
+    plcSetRules(p, NULL, 0);
+    good = fault(w->outFaults, 4, 2)[0] && fault(w->outFaults, 6, 2)[0];
+    start(w, NULL, NULL);
+    UNTIL(w, w->all.shown);
+    testOk(good && w->all.outFaults && !fault(w->outFaults, 4, 2)[0] &&
+               fault(w->outFaults, 6, 2)[0],
+           "the fault ends where the PLC shows the value, and only there");
     /* Reads, and a PLC that closes when nobody asks */
     plcOneRule(p, 3, 0, 9, wrongLength, 0);
     start(w, NULL, NULL);
@@ -1264,7 +1293,7 @@ static void testDescriptors(void)
 
 MAIN(modbusTest)
 {
-    testPlan(102);
+    testPlan(104);
     testInputs();
     testLittleEndian();
     testPeriods();
