@@ -63,9 +63,14 @@ static asynStatus noData(plcAsynPort *port, asynUser *user)
 static asynStatus readInput(plcAsynPort *port, asynUser *user, size_t offset, size_t length,
                             void *bytes)
 {
+    plcFaults *faults = plcStationInFaults(port->station);
+    char reason[PLC_REASON_SIZE];
+
     if (plcImageRead(plcStationInput(port->station), offset, length, bytes,
                      &user->timestamp))
         return noData(port, user);
+    if (faults && plcFaultsFind(faults, offset, length, NULL, reason))
+        return plcAsynFail(user, asynError, READ_ALARM, "%s: %s", port->name, reason);
     return asynSuccess;
 }
 
@@ -85,15 +90,15 @@ static asynStatus readOutput(plcAsynPort *port, asynUser *user, const plcAsynVie
                              size_t length, void *bytes)
 {
     plcImage *out = plcStationOutput(port->station);
+    int taken = plcStationTaken(port->station);
     plcOptions options;
 
     plcStationGetOptions(port->station, &options);
-    if (view->hasReadback &&
-        !((options.track || options.sync) && plcStationTaken(port->station)))
+    if (view->hasReadback && !((options.track || options.sync) && taken))
         return readInput(port, user, view->readback, length, bytes);
     plcImagePeek(out, view->offset, length, bytes);
     epicsTimeGetCurrent(&user->timestamp);
-    if (!view->hasReadback && isZero(bytes, length))
+    if (!(view->follows && taken) && isZero(bytes, length))
         return plcAsynFail(user, asynError, UDF_ALARM, "%s: not written yet", port->name);
     return asynSuccess;
 }
@@ -130,9 +135,9 @@ static asynStatus writeBytes(plcAsynPort *port, asynUser *user, plcAsynView *vie
         return plcAsynFail(user, asynDisconnected, COMM_ALARM, "%s: disconnected by a user",
                            port->name);
     plcAsynWriteBegins(port, view, user);
-    status = (view->hasReadback ? plcStationWriteFollower : plcStationWrite)(
+    status = (view->follows ? plcStationWriteFollower : plcStationWrite)(
         port->station, view->offset, length, bytes, mask, reason);
-    if (!status && !reason[0] && view->hasReadback && !plcStationTaken(port->station))
+    if (!status && !reason[0] && view->follows && !plcStationTaken(port->station))
         epicsSnprintf(reason, sizeof(reason), "waiting for the PLC's value");
     plcAsynWriteEnds(port, view, user, bytes, mask, length,
                      status ? -1 : reason[0] ? 1 : 0);
@@ -142,6 +147,8 @@ static asynStatus writeBytes(plcAsynPort *port, asynUser *user, plcAsynView *vie
     if (reason[0])
         return plcAsynFail(user, asynDisconnected, COMM_ALARM, "%s: kept for later: %s",
                            port->name, reason);
+    if (view->faults && plcFaultsFind(view->faults, view->offset, length, mask, reason))
+        return plcAsynFail(user, asynError, WRITE_ALARM, "%s: %s", port->name, reason);
     return asynSuccess;
 }
 

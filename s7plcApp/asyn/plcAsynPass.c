@@ -198,7 +198,7 @@ void plcAsynWriteEnds(plcAsynPort *port, plcAsynView *view, asynUser *user,
     ELLNODE *node;
     int wake = 0;
 
-    if (view->hasReadback) {
+    if (view->follows) {
         plcStationGetOptions(port->station, &options);
         patience = epicsMonotonicGet() + PATIENCE_NS +
                    (epicsUInt64)(options.sendInterval * 1e6);
@@ -230,6 +230,7 @@ typedef struct pass {
     int compares;  /* with scan=changed */
     int tracks;    /* outputs follow the PLC from block to block */
     int connected;
+    int leaves;    /* what is written leaves */
     int taken;     /* the output image holds the PLC's values */
     epicsUInt64 now;
 } pass;
@@ -281,12 +282,26 @@ static int isSettled(const pass *p, plcAsynUser *u)
     return 0;
 }
 
+/* The PLC did not give or take it: 1, or 0. *news is 1 when that was not told yet. */
+static int isFaulty(plcAsynUser *u, int *news)
+{
+    const plcAsynView *view = u->view;
+    char reason[PLC_REASON_SIZE];
+    int faulty = view->faults && plcFaultsFind(view->faults, view->offset, view->length,
+                                               u->mask, reason);
+
+    *news = faulty != u->faulty;
+    u->faulty = faulty;
+    return faulty;
+}
+
 /* The bytes an input has to be told, or NULL. */
 static const void *inputNews(const pass *p, plcAsynUser *u)
 {
     plcAsynPort *port = p->port;
     const char *bytes = port->block + u->view->offset;
     epicsTimeStamp now;
+    int faulty, news;
 
     if (!port->good) {
         if (!u->told)
@@ -296,15 +311,17 @@ static const void *inputNews(const pass *p, plcAsynUser *u)
         setStatus(u, port->badStatus, COMM_ALARM, now);
         return bytes; /* the last ones: nobody shall use them */
     }
-    if (u->told && !p->isBlock)
+    faulty = isFaulty(u, &news);
+    if (u->told && !news && !p->isBlock)
         return NULL;
-    if (u->told && p->compares &&
+    if (u->told && !news && p->compares &&
         sameBytes((const epicsUInt8 *)bytes,
                   (const epicsUInt8 *)port->before + u->view->offset, u->mask,
                   u->view->length))
         return NULL;
     u->told = 1;
-    setStatus(u, asynSuccess, NO_ALARM, port->stamp);
+    setStatus(u, faulty ? asynError : asynSuccess, faulty ? READ_ALARM : NO_ALARM,
+              port->stamp);
     return bytes;
 }
 
@@ -315,7 +332,7 @@ static int isNews(const pass *p, plcAsynUser *u, const epicsUInt8 *bytes, int sh
     int same = u->told && sameBytes(bytes, u->value, u->mask, length);
 
     if (!u->told)
-        return shownByPlc || u->view->hasReadback || !isZero(bytes, length);
+        return shownByPlc || (u->view->follows && p->taken) || !isZero(bytes, length);
     if (!shownByPlc)
         return !same;
     if (same)
@@ -336,8 +353,8 @@ static const void *outputNews(const pass *p, plcAsynUser *u)
     const plcAsynView *view = u->view;
     epicsUInt8 *bytes = (epicsUInt8 *)port->scratch;
     int shownByPlc = view->hasReadback && !(p->tracks && p->taken);
-    int back = u->away && p->connected && (p->taken || !view->hasReadback);
-    int alarm = u->refused ? WRITE_ALARM : NO_ALARM;
+    int back = u->away && p->leaves && (p->taken || !view->follows);
+    int faulty, news, alarm;
     epicsTimeStamp stamp;
 
     if (u->writing || (shownByPlc && !port->good))
@@ -349,7 +366,9 @@ static const void *outputNews(const pass *p, plcAsynUser *u)
     } else {
         plcImagePeek(plcStationOutput(port->station), view->offset, view->length, bytes);
     }
-    if (!isNews(p, u, bytes, shownByPlc) && !((u->refused || back) && u->told)) {
+    faulty = isFaulty(u, &news);
+    alarm = u->refused || faulty ? WRITE_ALARM : NO_ALARM;
+    if (!isNews(p, u, bytes, shownByPlc) && !((u->refused || back || news) && u->told)) {
         u->refused = 0; /* there is no value to go back to */
         return NULL;
     }
@@ -497,6 +516,7 @@ static void once(plcAsynPort *port)
     pass p = {.port = port};
 
     p.connected = plcStationConnected(port->station, reason);
+    p.leaves = plcStationOutputConnected(port->station, NULL);
     lost = fetch(&p, &dropped);
     if (dropped || off || !p.connected)
         announce(port, 0, off ? "by a user" : reason);

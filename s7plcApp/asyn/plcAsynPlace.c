@@ -222,17 +222,6 @@ static int placeReadback(plcAsynView *view, const plcLink *link, char *error, si
     return 0;
 }
 
-/* The order of the bytes: the station's, unless W= says more. */
-static int orderOf(const plcStation *station, const plcLink *link)
-{
-    int bigEndian = plcStationBigEndian(station);
-
-    if (link->type->size < 4)
-        return bigEndian;
-    return link->has & plcHasW ? plcOrder(bigEndian, link->highWordFirst)
-                               : plcStationOrder(station);
-}
-
 static int resolve(plcAsynView *view, char *error, size_t size)
 {
     const plcAsynPlace *place = view->place;
@@ -254,7 +243,7 @@ static int resolve(plcAsynView *view, char *error, size_t size)
     view->high = link.high;
     view->clips = (place->link.has & (plcHasL | plcHasH)) != 0;
     view->bit = place->link.has & plcHasB ? (int)link.bit : -1;
-    view->order = orderOf(place->station, &link);
+    view->order = plcLinkOrder(&link, plcStationOrder(place->station));
     if (faces[view->face].element && measureArray(view, &place->link, error, size))
         return -1;
     if (checkPlace(view->offset, view->length ? view->length : 1, blockSize(place),
@@ -282,9 +271,13 @@ static void enlist(plcAsynView *view, const char *port)
     user->hasReadback = view->hasReadback;
     user->readback = view->readback;
     plcUsersAdd(plcStationUsers(station), user);
-    if (view->hasReadback)
-        plcStationAddReadback(station, view, view->offset, view->readback, view->length,
-                              view->bit >= 0 ? view->mask : NULL);
+    view->faults = user->output ? plcStationOutFaults(station) : plcStationInFaults(station);
+    view->follows = view->hasReadback ||
+                    (user->output && !view->open && plcStationShowsOutputs(station));
+    if (view->follows)
+        plcStationAddReadback(station, view, view->offset,
+                              view->hasReadback ? view->readback : PLC_NO_PLACE,
+                              view->length, view->bit >= 0 ? view->mask : NULL);
 }
 
 plcAsynView *plcAsynPlaceView(plcAsynPlace *place, plcAsynFace face, const char *port)

@@ -53,6 +53,8 @@ typedef struct plcAsynView {
     int order;           /* of its bytes: plcCodec.h */
     int hasReadback;     /* the input block shows it at */
     size_t readback;     /* this offset */
+    int follows;         /* the PLC shows it, there or as it is (Modbus with track=on) */
+    plcFaults *faults;   /* bits that the PLC did not give or take; NULL: it does not tell */
     epicsUInt8 mask[PLC_ASYN_SCALAR]; /* with B=: its bit, in wire order */
     plcUser user;        /* for s7plcShow */
 } plcAsynView;

@@ -108,6 +108,11 @@ plcAsynView *plcAsynViewOf(plcAsynPort *port, asynUser *user, plcAsynFace face)
     isNew = !place->views[face];
     view = plcAsynPlaceView(place, face, port->name);
     epicsMutexUnlock(port->lock);
+    if (isNew && !view->refused && place->output && !view->hasReadback &&
+        plcStationHeader(port->station))
+        errlogSevPrintf(errlogMinor, "s7plcAsyn %s \"%s\" warning: with sync=on the PLC must "
+                        "show this output: add R=offset, or set the PLC's option readback\n",
+                        port->name, place->text);
     if (!view->refused)
         return view;
     if (isNew)

@@ -93,6 +93,7 @@ typedef struct plcAsynUser {
     epicsUInt64 joined; /* when; ns, 0: not while the IOC starts, or long ago */
     int told;    /* it has a value that is valid */
     int gone;    /* cancelled while it was called back */
+    int faulty;  /* it was told that the PLC did not give or take it */
     int refused; /* its last write was refused: it gets the PLC's value, with the alarm */
     int away;    /* its last write waits for the PLC: its alarm has to end */
     int writing; /* a write of its own is under way */

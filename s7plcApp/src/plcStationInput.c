@@ -32,6 +32,7 @@ void plcInputFollow(plcStation *s, unsigned places)
         epicsAtomicCmpAndSwapIntT(&s->following, 0, 1) == 0 &&
         callbackRequest(&s->followCallback))
         epicsAtomicSetIntT(&s->following, 0);
+    plcStationChanged(s);
 }
 
 /* For record threads: outputs go somewhere, or soon will. While the data of a pair is

@@ -250,6 +250,8 @@ void plcWireStep(plcStation *s, epicsUInt64 now)
             plcScanRequestAll(s->inScan);
         if (news.outFaults)
             plcInputFollow(s, 0);
+        if (news.inFaults)
+            plcStationChanged(s);
         if (news.lost) {
             plcLineLost(s, m->line, now, news.why);
             return;

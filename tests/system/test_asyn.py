@@ -911,6 +911,46 @@ def test_pair(new_sim, new_ioc):
     ioc.wait_alarm("count", "INVALID", "COMM")
 
 
+def test_modbus(new_modbus, new_asyn):
+    """over Modbus: what the PLC refuses has its reason by asyn too, and nothing else has"""
+    peer = new_modbus(size=40)
+    peer.holding[4] = 7
+    ioc = new_asyn(peer.configure("input 0 4 every 50, input 20 4 every 50", "holding 0 8"),
+                   record("longin", "good", "asynInt32", "@asyn(A)0 T=INT16", SCAN="I/O Intr")
+                   + record("longin", "bad", "asynInt32", "@asyn(A)8 T=INT16", SCAN="I/O Intr")
+                   + record("longin", "poll", "asynInt32", "@asyn(A)8 T=INT16", SCAN=".1 second")
+                   + record("longout", "o0", "asynInt32", "@asyn(A)out 0 T=INT16", **RB)
+                   + record("longout", "o2", "asynInt32", "@asyn(A)out 2 T=INT16", **RB)
+                   + record("longout", "o4", "asynInt32", "@asyn(A)out 8 T=INT16", **RB)
+                   + record("ao", "low", "asynFloat64", "@asyn(A)out 12 T=REAL32 W=low", **RB),
+                   options=["track on"])
+    ioc.wait_value("o4", 7)  # the PLC's value, by track=on
+    for name in ("good", "bad", "poll"):
+        ioc.wait_alarm(name, "NO_ALARM")
+    rule = peer.refuse(4, 20)
+    for name in ("bad", "poll"):
+        ioc.wait_alarm(name, "INVALID", "READ")
+    assert ioc.severity("good") == "NO_ALARM"
+    peer.heal(rule)
+    for name in ("bad", "poll"):
+        ioc.wait_alarm(name, "NO_ALARM")
+    rule = peer.refuse((6, 16), 1)
+    for name in ("o0", "o2", "o4"):
+        ioc.put(name, 5)
+    ioc.wait_alarm("o2", "INVALID", "WRITE")
+    until_equal(lambda: peer.holding[0], 5)
+    until_equal(lambda: peer.holding[4], 5)
+    assert ioc.severity("o0") == ioc.severity("o4") == "NO_ALARM"
+    peer.heal(rule)
+    ioc.put("o2", 6)
+    until_equal(lambda: peer.holding[1], 6)
+    ioc.wait_alarm("o2", "NO_ALARM")
+    ioc.put("low", 1.5)
+    until_equal(lambda: [peer.holding[6], peer.holding[7]], [0, 0x3FC0])
+    peer.holding[0] = 99  # someone else writes it
+    ioc.wait_value("o0", 99)
+
+
 def test_demo():
     """make demo-asyn ends well: the same values side by side, and a trace"""
     done = subprocess.run([TOP / "iocBoot/iocAsyn/demo"], stdin=subprocess.DEVNULL,
