@@ -34,8 +34,8 @@ struct plcImage {
     word blocks;    /* atomic */
     int valid;      /* atomic */
     size_t size;
+    int dirty;      /* atomic; changed while the lock is held */
     epicsMutexId lock; /* guards the rest */
-    int dirty;
     int closed;                   /* writes are refused */
     char reason[PLC_REASON_SIZE]; /* "" when valid */
     epicsUInt8 *changed; /* bits written since the last take; NULL: not tracked */
@@ -191,6 +191,12 @@ void plcImageInvalidate(plcImage *image, const char *reason)
 
 /* --- Output ------------------------------------------------------------------------ */
 
+/* The lock is held. */
+static void setDirty(plcImage *image, int dirty)
+{
+    __atomic_store_n(&image->dirty, dirty, __ATOMIC_RELEASE);
+}
+
 /* Only the bits set in mask; NULL: all. */
 static void put(epicsUInt8 *to, const epicsUInt8 *from, const epicsUInt8 *mask,
                 size_t length)
@@ -256,8 +262,8 @@ int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src
     put(bytesOf(image) + offset, src, mask, length);
     if (image->changed)
         mark(image, offset, length, mask);
-    first = !image->dirty;
-    image->dirty = 1;
+    first = !plcImageDirty(image);
+    setDirty(image, 1);
     epicsMutexUnlock(image->lock);
     return first;
 }
@@ -289,25 +295,20 @@ int plcImageSet(plcImage *image, size_t offset, size_t length, const void *src,
 
 PLC_HOT int plcImageDirty(plcImage *image)
 {
-    int dirty;
-
-    epicsMutexMustLock(image->lock);
-    dirty = image->dirty;
-    epicsMutexUnlock(image->lock);
-    return dirty;
+    return __atomic_load_n(&image->dirty, __ATOMIC_ACQUIRE);
 }
 
 void plcImageTouch(plcImage *image)
 {
     epicsMutexMustLock(image->lock);
-    image->dirty = 1;
+    setDirty(image, 1);
     epicsMutexUnlock(image->lock);
 }
 
 /* Nothing is left to send. The lock is held. */
 static void forget(plcImage *image)
 {
-    image->dirty = 0;
+    setDirty(image, 0);
     if (image->changed)
         memset(image->changed, 0, image->size);
 }
@@ -377,7 +378,7 @@ int plcImageOwe(plcImage *image, const void *shown)
         any |= owed;
     }
     if (any)
-        image->dirty = 1;
+        setDirty(image, 1);
     epicsMutexUnlock(image->lock);
     return any != 0;
 }

@@ -4,6 +4,7 @@
 
 #include <cantProceed.h>
 #include <ellLib.h>
+#include <epicsAtomic.h>
 #include <epicsMutex.h>
 
 #include "plcHot.h"
@@ -25,6 +26,7 @@ typedef struct place {
 struct plcReadback {
     epicsMutexId lock; /* guards the list and all places */
     ELLLIST places;
+    int count; /* atomic: how many there are */
 };
 
 plcReadback *plcReadbackCreate(void)
@@ -63,6 +65,7 @@ void plcReadbackRemove(plcReadback *r, const void *key)
         ;
     if (p) {
         ellDelete(&r->places, &p->node);
+        epicsAtomicDecrIntT(&r->count);
         freePlace(p);
     }
     epicsMutexUnlock(r->lock);
@@ -84,17 +87,13 @@ void plcReadbackAdd(plcReadback *r, const void *key, size_t out, size_t in, size
     p->now = callocMustSucceed(1, length + 1, "plcReadbackAdd");
     epicsMutexMustLock(r->lock);
     ellAdd(&r->places, &p->node);
+    epicsAtomicIncrIntT(&r->count);
     epicsMutexUnlock(r->lock);
 }
 
 PLC_HOT unsigned plcReadbackCount(plcReadback *r)
 {
-    unsigned count;
-
-    epicsMutexMustLock(r->lock);
-    count = ellCount(&r->places);
-    epicsMutexUnlock(r->lock);
-    return count;
+    return (unsigned)epicsAtomicGetIntT(&r->count);
 }
 
 /* Equal in the bits that count. */
