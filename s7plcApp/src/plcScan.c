@@ -20,8 +20,8 @@
 #include <dbAccess.h>
 #include <dbCommon.h>
 #include <dbLock.h>
+#include <epicsAtomic.h>
 #include <epicsMutex.h>
-#include <epicsThread.h>
 #include <epicsTime.h>
 
 #include "plcHot.h"
@@ -31,6 +31,7 @@
 #define WORD 8          /* bytes; the index knows which groups touch a word */
 #define CHUNK 512       /* bytes compared at once; a multiple of WORD */
 #define WIDE (8 * WORD) /* groups longer than this are not in the index */
+#define LINE 64         /* bytes of a cache line */
 #define BATCH 64        /* records copied under the lock, then processed without it */
 
 #define HERE_RECORDS 2000 /* a pass of more is not for the thread that asks for it; */
@@ -63,6 +64,19 @@ typedef struct group {
     strangers *others;  /* NULL: none yet */
 } group;
 
+/* An entry of the index: says whether a group is touched, without looking at the group. */
+typedef struct entry {
+    epicsUInt32 offset, length;
+    group *group;
+} entry;
+
+/* Memory for many groups. Each fills one line of the cache, and begins with it. */
+typedef struct bulk {
+    struct bulk *next;
+    group *unused; /* the first of those that are left */
+    char memory[];
+} bulk;
+
 /* What is next in a pass, for one priority. */
 typedef struct cursor {
     size_t group;   /* number of the group in the pass, */
@@ -91,11 +105,12 @@ struct plcScan {
     void *pvt;
     int byRange;
     IOSCANPVT parked;   /* where Base keeps the records that we process; never scanned */
-    epicsThreadId here; /* passes it asks for may run in this thread; NULL: in none */
+    int here;           /* passes may run in the thread that asks for them */
     unsigned herePause; /* passes until that is tried again */
     unsigned hereNext;  /* the same, for the next time that one took long */
     part part[NUM_CALLBACK_PRIORITIES];
     unsigned count[NUM_CALLBACK_PRIORITIES]; /* records in all groups */
+    int total;          /* atomic: their sum */
 
     group **groups; /* all of them; with room for `room`, as the two arrays below */
     size_t numGroups, room;
@@ -113,11 +128,12 @@ struct plcScan {
 
     group **buckets; /* hash of (offset, length); a power of 2 */
     size_t numBuckets;
+    bulk *bulks;
 
     int indexOld;           /* groups came since the index was built */
-    epicsUInt32 *wordStart; /* word i has the groups wordGroups[wordStart[i] .. [i+1]) */
-    group **wordGroups;
-    group **wide;
+    epicsUInt32 *wordStart; /* word i has the groups in entries[wordStart[i] .. [i+1]) */
+    entry *entries;
+    entry *wide;
     size_t numWide;
 };
 
@@ -152,11 +168,22 @@ static group **growArray(group **old, size_t used, size_t room)
     return array;
 }
 
+static void addBulk(plcScan *scan, size_t count)
+{
+    bulk *b = callocMustSucceed(1, sizeof(*b) + LINE + count * sizeof(group), "plcScan");
+    size_t past = (size_t)b->memory % LINE;
+
+    b->unused = (group *)(b->memory + (past ? LINE - past : 0));
+    b->next = scan->bulks;
+    scan->bulks = b;
+}
+
 /* Room for twice as many groups; the hash grows with them. */
 static void grow(plcScan *scan)
 {
     size_t i;
 
+    addBulk(scan, scan->room ? scan->room : 1);
     scan->room = scan->room ? 2 * scan->room : 1;
     scan->groups = growArray(scan->groups, scan->numGroups, scan->room);
     scan->pending = growArray(scan->pending, scan->numPending, scan->room);
@@ -176,15 +203,15 @@ static void grow(plcScan *scan)
 
 static group *addGroup(plcScan *scan, size_t offset, size_t length)
 {
-    group *g = callocMustSucceed(1, sizeof(*g), "plcScan");
-    group **bucket;
+    group *g, **bucket;
 
+    if (scan->numGroups == scan->room)
+        grow(scan);
+    g = scan->bulks->unused++;
     g->offset = (epicsUInt32)offset;
     g->length = (epicsUInt32)length;
     g->records = &g->only;
     g->room = 1;
-    if (scan->numGroups == scan->room)
-        grow(scan);
     bucket = &scan->buckets[hash(scan, offset, length)];
     g->next = *bucket;
     *bucket = g;
@@ -218,6 +245,7 @@ plcScan *plcScanCreate(size_t blockSize, plcScanDone *done, void *pvt)
 
 void plcScanDestroy(plcScan *scan)
 {
+    bulk *b;
     size_t i;
 
     if (!scan)
@@ -228,14 +256,17 @@ void plcScanDestroy(plcScan *scan)
         if (g->records != &g->only)
             free(g->records);
         free(g->others);
-        free(g);
+    }
+    while ((b = scan->bulks)) {
+        scan->bulks = b->next;
+        free(b);
     }
     free(scan->groups);
     free(scan->pending);
     free(scan->running);
     free(scan->buckets);
     free(scan->wordStart);
-    free(scan->wordGroups);
+    free(scan->entries);
     free(scan->wide);
     epicsMutexDestroy(scan->lock);
     free(scan);
@@ -251,7 +282,7 @@ void plcScanByRange(plcScan *scan, int byRange)
 void plcScanHere(plcScan *scan)
 {
     epicsMutexMustLock(scan->lock);
-    scan->here = epicsThreadGetIdSelf();
+    scan->here = 1;
     scan->hereNext = HERE_PAUSE;
     epicsMutexUnlock(scan->lock);
 }
@@ -274,6 +305,13 @@ static group *groupOf(plcScan *scan, size_t offset, size_t length)
     return g ? g : addGroup(scan, offset, length);
 }
 
+/* Lock held. */
+static void countRecords(plcScan *scan, int prio, int by)
+{
+    scan->count[prio] += by;
+    epicsAtomicAddIntT(&scan->total, by);
+}
+
 static int isPriority(int prio)
 {
     return prio >= 0 && prio < NUM_CALLBACK_PRIORITIES;
@@ -293,10 +331,10 @@ IOSCANPVT plcScanJoin(plcScan *scan, size_t offset, size_t length, int prio, int
     list = g->others->list;
     if (isPriority(prio) && !leave) {
         g->others->count[prio]++;
-        scan->count[prio]++;
+        countRecords(scan, prio, 1);
     } else if (isPriority(prio) && g->others->count[prio] > 0) {
         g->others->count[prio]--;
-        scan->count[prio]--;
+        countRecords(scan, prio, -1);
     }
     epicsMutexUnlock(scan->lock);
     return list;
@@ -374,7 +412,7 @@ static void insert(plcScan *scan, group *g, dbCommon *prec)
     memmove(own + 1, own, (g->records + used - own) * sizeof(*own));
     *own = prec;
     g->count[prio]++;
-    scan->count[prio]++;
+    countRecords(scan, prio, 1);
     shiftCursor(scan, g, prio, place, 1);
 }
 
@@ -391,7 +429,7 @@ static void removeRecord(plcScan *scan, group *g, const dbCommon *prec)
     own += place;
     memmove(own, own + 1, (g->records + used - own - 1) * sizeof(*own));
     g->count[prio]--;
-    scan->count[prio]--;
+    countRecords(scan, prio, -1);
     shiftCursor(scan, g, prio, place, -1);
 }
 
@@ -427,6 +465,13 @@ static size_t lastWord(const group *g)
     return (g->offset + g->length - 1) / WORD;
 }
 
+static entry entryOf(group *g)
+{
+    entry e = {g->offset, g->length, g};
+
+    return e;
+}
+
 /* Counts the groups of each word, then fills them in behind each other. */
 PLC_COLD static void buildIndex(plcScan *scan)
 {
@@ -434,31 +479,31 @@ PLC_COLD static void buildIndex(plcScan *scan)
     size_t i, w;
 
     free(scan->wordStart);
-    free(scan->wordGroups);
+    free(scan->entries);
     free(scan->wide);
     scan->wordStart =
         callocMustSucceed(numWords + 2, sizeof(*scan->wordStart), "plcScan");
-    scan->wide = callocMustSucceed(scan->numGroups + 1, sizeof(group *), "plcScan");
+    scan->wide = callocMustSucceed(scan->numGroups + 1, sizeof(entry), "plcScan");
     scan->numWide = 0;
     for (i = 0; i < scan->numGroups; i++) {
         group *g = scan->groups[i];
 
         if (g->length > WIDE)
-            scan->wide[scan->numWide++] = g;
+            scan->wide[scan->numWide++] = entryOf(g);
         else if (g->length)
             for (w = firstWord(g); w <= lastWord(g); w++)
                 scan->wordStart[w + 2]++;
     }
     for (w = 2; w < numWords + 2; w++)
         scan->wordStart[w] += scan->wordStart[w - 1];
-    scan->wordGroups =
-        callocMustSucceed(scan->wordStart[numWords + 1] + 1, sizeof(group *), "plcScan");
+    scan->entries =
+        callocMustSucceed(scan->wordStart[numWords + 1] + 1, sizeof(entry), "plcScan");
     for (i = 0; i < scan->numGroups; i++) {
         group *g = scan->groups[i];
 
         if (g->length && g->length <= WIDE)
             for (w = firstWord(g); w <= lastWord(g); w++)
-                scan->wordGroups[scan->wordStart[w + 1]++] = g;
+                scan->entries[scan->wordStart[w + 1]++] = entryOf(g);
     }
     scan->indexOld = 0;
 }
@@ -470,11 +515,17 @@ static void addPending(plcScan *scan, group *g, unsigned prios)
     g->pending |= (epicsUInt8)prios;
 }
 
-static void touchGroup(plcScan *scan, group *g, const char *before, const char *after)
+static int isTouched(const entry *e, const char *before, const char *after)
 {
-    if (g->pending != ALL_PRIOS &&
-        memcmp(before + g->offset, after + g->offset, g->length) != 0)
-        addPending(scan, g, ALL_PRIOS);
+    return memcmp(before + e->offset, after + e->offset, e->length) != 0;
+}
+
+static void addTouched(plcScan *scan, group *const groups[], unsigned n)
+{
+    unsigned i;
+
+    for (i = 0; i < n; i++)
+        addPending(scan, groups[i], ALL_PRIOS);
 }
 
 /* Adds the words in [at, end) that changed to the n that are there. Returns the new n. */
@@ -494,23 +545,31 @@ static unsigned changedWords(const char *before, const char *after, size_t at, s
     return n;
 }
 
-/* The groups of these words. In three steps, so that the cache fetches what the next one
- * needs for many words at a time. */
+/* The touched groups of these words. In steps, so that the cache fetches what the next one
+ * needs for many words, or groups, at a time. */
 PLC_HOT static void touchWords(plcScan *scan, const char *before, const char *after,
                                const epicsUInt32 words[], unsigned n)
 {
     const epicsUInt32 *start = scan->wordStart;
-    unsigned i;
+    group *touched[BATCH];
+    unsigned i, m = 0;
     size_t k;
 
     for (i = 0; i < n; i++)
-        FETCH(&scan->wordGroups[start[words[i]]]);
-    for (i = 0; i < n; i++)
-        FETCH(scan->wordGroups[start[words[i]]]);
+        FETCH(&scan->entries[start[words[i]]]);
     for (i = 0; i < n; i++) {
-        for (k = start[words[i]]; k < start[words[i] + 1]; k++)
-            touchGroup(scan, scan->wordGroups[k], before, after);
+        for (k = start[words[i]]; k < start[words[i] + 1]; k++) {
+            if (!isTouched(&scan->entries[k], before, after))
+                continue;
+            if (m == BATCH) {
+                addTouched(scan, touched, m);
+                m = 0;
+            }
+            FETCH(scan->entries[k].group);
+            touched[m++] = scan->entries[k].group;
+        }
     }
+    addTouched(scan, touched, m);
 }
 
 /* Marks the groups whose bytes differ as pending. Returns their number. */
@@ -519,7 +578,7 @@ PLC_HOT static size_t touchChanged(plcScan *scan, const char *before, const char
     epicsUInt32 words[2 * CHUNK / WORD] = {0};
     size_t waiting = scan->numPending;
     int changed = 0;
-    unsigned n = 0;
+    unsigned m, n = 0;
     size_t at, i;
 
     if (scan->indexOld)
@@ -530,15 +589,20 @@ PLC_HOT static size_t touchChanged(plcScan *scan, const char *before, const char
         if (memcmp(before + at, after + at, length) == 0)
             continue;
         changed = 1;
+        m = n;
         n = changedWords(before, after, at, at + length, words, n);
+        for (; m < n; m++)
+            FETCH(&scan->wordStart[words[m]]);
         if (n > CHUNK / WORD) {
             touchWords(scan, before, after, words, n);
             n = 0;
         }
     }
     touchWords(scan, before, after, words, n);
-    for (i = 0; changed && i < scan->numWide; i++)
-        touchGroup(scan, scan->wide[i], before, after);
+    for (i = 0; changed && i < scan->numWide; i++) {
+        if (isTouched(&scan->wide[i], before, after))
+            addPending(scan, scan->wide[i].group, ALL_PRIOS);
+    }
     return scan->numPending - waiting;
 }
 
@@ -670,7 +734,6 @@ static unsigned nextTargets(plcScan *scan, part *own, target targets[BATCH])
     return n;
 }
 
-#define LINE 64    /* bytes of a cache line */
 #define FAR 4      /* records ahead, whose fields are fetched, */
 #define NEAR 2     /* and those to which the fields must point by now */
 #define FIELDS 128 /* records need their fields from this byte on, */
@@ -770,8 +833,7 @@ static void pass(epicsCallback *callback)
 /* True when the pass over these priorities may run in the thread that asks for it. */
 static int mayRunHere(plcScan *scan, unsigned prios)
 {
-    if (bitCount(prios) != 1 || !scan->here || scan->here != epicsThreadGetIdSelf() ||
-        scan->size > HERE_RECORDS)
+    if (!scan->here || bitCount(prios) != 1 || scan->size > HERE_RECORDS)
         return 0;
     if (scan->herePause == 0)
         return 1;
@@ -860,12 +922,5 @@ int plcScanBusy(plcScan *scan)
 
 PLC_HOT unsigned plcScanCount(plcScan *scan)
 {
-    unsigned count = 0;
-    int prio;
-
-    epicsMutexMustLock(scan->lock);
-    for (prio = 0; prio < NUM_CALLBACK_PRIORITIES; prio++)
-        count += scan->count[prio];
-    epicsMutexUnlock(scan->lock);
-    return count;
+    return (unsigned)epicsAtomicGetIntT(&scan->total);
 }

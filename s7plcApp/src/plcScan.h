@@ -34,8 +34,8 @@ void plcScanDestroy(plcScan *scan);
  * 1 = a group for each distinct byte range (scan=changed). */
 void plcScanByRange(plcScan *scan, int byRange);
 
-/* From now on passes that the calling thread asks for run in that thread, before the
- * request returns: it does not hold a lock then, and may wait for records. Only small
+/* From now on only the calling thread asks for passes, and they run in that thread, before
+ * the request returns: it does not hold a lock then, and may wait for records. Only small
  * passes over records of one priority; others go to the callback threads as ever. */
 void plcScanHere(plcScan *scan);
 
