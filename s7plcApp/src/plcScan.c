@@ -34,8 +34,8 @@
 #define LINE 64         /* bytes of a cache line */
 #define BATCH 64        /* records copied under the lock, then processed without it */
 
-#define HERE_RECORDS 2000 /* a pass of more is not for the thread that asks for it; */
-#define HERE_NS 5000000   /* after one that took longer, nor are */
+#define HERE_RECORDS 2000 /* a pass of more only begins in the thread that asks for it; */
+#define HERE_NS 5000000   /* after one that took longer there, it gets none of */
 #define HERE_PAUSE 200    /* that many that follow; twice as many each time */
 
 #ifdef __GNUC__
@@ -800,24 +800,30 @@ static void finish(plcScan *scan)
     queue(scan, prios);
 }
 
-/* One priority of a pass. Half of the time that many records take is waiting for memory,
- * if nothing fetches them ahead. */
-PLC_HOT static void runPart(part *own)
+/* The next records of one priority of a pass. Half of the time that many records take is
+ * waiting for memory, if nothing fetches them ahead. Returns how many, 0 at the end. */
+PLC_HOT static unsigned runBatch(part *own)
 {
     target targets[BATCH];
-    unsigned n, i;
+    unsigned n = nextTargets(own->scan, own, targets), i;
 
-    while ((n = nextTargets(own->scan, own, targets)) > 0) {
-        for (i = 0; i < FAR; i++)
-            fetchFields(targets, n, i);
-        for (i = 0; i < NEAR; i++)
-            fetchTargets(targets, n, i);
-        for (i = 0; i < n; i++) {
-            fetchFields(targets, n, i + FAR);
-            fetchTargets(targets, n, i + NEAR);
-            processTarget(&targets[i], own->prio);
-        }
+    for (i = 0; i < FAR; i++)
+        fetchFields(targets, n, i);
+    for (i = 0; i < NEAR; i++)
+        fetchTargets(targets, n, i);
+    for (i = 0; i < n; i++) {
+        fetchFields(targets, n, i + FAR);
+        fetchTargets(targets, n, i + NEAR);
+        processTarget(&targets[i], own->prio);
     }
+    return n;
+}
+
+/* One priority of a pass, or what is left of it. */
+PLC_HOT static void runPart(part *own)
+{
+    while (runBatch(own) > 0)
+        ;
     finish(own->scan);
 }
 
@@ -830,10 +836,10 @@ static void pass(epicsCallback *callback)
     runPart(own);
 }
 
-/* True when the pass over these priorities may run in the thread that asks for it. */
+/* True when the pass over these priorities may begin in the thread that asks for it. */
 static int mayRunHere(plcScan *scan, unsigned prios)
 {
-    if (!scan->here || bitCount(prios) != 1 || scan->size > HERE_RECORDS)
+    if (!scan->here || bitCount(prios) != 1)
         return 0;
     if (scan->herePause == 0)
         return 1;
@@ -841,24 +847,34 @@ static int mayRunHere(plcScan *scan, unsigned prios)
     return 0;
 }
 
-/* A whole pass in the thread that asks for it: to wake another one costs as much as some
- * hundred records. Only when all records have one priority, so that none waits for less
- * important ones; not for a while when it took long: some record makes others wait. */
-static void runHere(plcScan *scan, unsigned prios)
+static void pauseHere(plcScan *scan)
+{
+    epicsMutexMustLock(scan->lock);
+    scan->herePause = scan->hereNext;
+    if (scan->hereNext < (unsigned)-1 / 2)
+        scan->hereNext *= 2;
+    epicsMutexUnlock(scan->lock);
+}
+
+/* A pass in the thread that asks for it: to wake another one costs as much as some hundred
+ * records. Of a large one the first records, which then need not wait for that; the rest
+ * is not for this thread. Only when all records have one priority, so that none waits for
+ * less important ones; not for a while when it took long: some record makes others wait. */
+static void runHere(plcScan *scan, unsigned prios, int all)
 {
     epicsUInt64 start = epicsMonotonicGet();
     int prio = 0;
 
     while (!(prios & 1u << prio))
         prio++;
-    runPart(&scan->part[prio]);
-    if (epicsMonotonicGet() - start > HERE_NS) {
-        epicsMutexMustLock(scan->lock);
-        scan->herePause = scan->hereNext;
-        if (scan->hereNext < (unsigned)-1 / 2)
-            scan->hereNext *= 2;
-        epicsMutexUnlock(scan->lock);
+    if (all) {
+        runPart(&scan->part[prio]);
+    } else {
+        runBatch(&scan->part[prio]);
+        queue(scan, prios);
     }
+    if (epicsMonotonicGet() - start > HERE_NS)
+        pauseHere(scan);
 }
 
 /* The request is marked as pending: begins a pass unless one runs. Lock held; unlocks.
@@ -867,7 +883,7 @@ static void runHere(plcScan *scan, unsigned prios)
 PLC_HOT static void request(plcScan *scan)
 {
     unsigned prios = 0;
-    int here;
+    int here, all;
 
     if (interruptAccept) {
         if (!scan->pendingSince)
@@ -876,9 +892,10 @@ PLC_HOT static void request(plcScan *scan)
             prios = begin(scan);
     }
     here = mayRunHere(scan, prios);
+    all = scan->size <= HERE_RECORDS;
     epicsMutexUnlock(scan->lock);
     if (here)
-        runHere(scan, prios);
+        runHere(scan, prios, all);
     else
         queue(scan, prios);
 }

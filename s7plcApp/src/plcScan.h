@@ -35,8 +35,9 @@ void plcScanDestroy(plcScan *scan);
 void plcScanByRange(plcScan *scan, int byRange);
 
 /* From now on only the calling thread asks for passes, and they run in that thread, before
- * the request returns: it does not hold a lock then, and may wait for records. Only small
- * passes over records of one priority; others go to the callback threads as ever. */
+ * the request returns: it does not hold a lock then, and may wait for records. This holds
+ * for passes over records of one priority, the others go to the callback threads as ever;
+ * and of a large pass only for its first records. */
 void plcScanHere(plcScan *scan);
 
 /* A record that reads `length` bytes at `offset` joins, or leaves; `leave` as

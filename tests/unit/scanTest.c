@@ -32,7 +32,7 @@ typedef struct probe {
     epicsUInt64 requested;
 } probe;
 
-static probe all, range, own;
+static probe all, range, own, large;
 
 static void done(void *pvt, epicsUInt64 requested)
 {
@@ -90,7 +90,8 @@ typedef struct place {
 } place;
 
 #define OWN 100 /* records of scan "own" */
-#define MAX_RECORDS (14 + OWN)
+#define LARGE 2100 /* records of scan "large": too many for the thread that asks */
+#define MAX_RECORDS (14 + OWN + LARGE)
 static place places[MAX_RECORDS];
 static int numPlaces;
 
@@ -108,7 +109,10 @@ static long initRecord(dbCommon *common)
     if (sscanf(prec->inp.value.instio.string, "%19s %lu %lu", name, &offset, &length) !=
         3)
         return S_db_badField;
-    at->p = strcmp(name, "all") == 0 ? &all : strcmp(name, "own") == 0 ? &own : &range;
+    at->p = strcmp(name, "all") == 0     ? &all
+            : strcmp(name, "own") == 0   ? &own
+            : strcmp(name, "large") == 0 ? &large
+                                         : &range;
     at->stranger = !strcmp(common->name, "all:low2") || !strcmp(common->name, "r:4b");
     at->offset = offset;
     at->length = length;
@@ -142,12 +146,27 @@ static void noteOwn(longinRecord *prec)
     epicsMutexUnlock(own.lock);
 }
 
+/* Records of scan "large": how many were processed, and by whom, the first and the last. */
+static int numLarge;
+static epicsThreadId firstBy, lastBy;
+
+static void noteLarge(void)
+{
+    epicsMutexMustLock(large.lock);
+    lastBy = epicsThreadGetIdSelf();
+    if (numLarge++ == 0)
+        firstBy = lastBy;
+    epicsMutexUnlock(large.lock);
+}
+
 static long readLongin(longinRecord *prec)
 {
     prec->val++;
     prec->udf = 0;
     if (((place *)prec->dpvt)->p == &own)
         noteOwn(prec);
+    if (((place *)prec->dpvt)->p == &large)
+        noteLarge();
     if (prec == gateRecord) {
         epicsEventMustTrigger(gateReached);
         epicsEventMustWait(gateOpen);
@@ -610,6 +629,10 @@ static void testHere(void)
     testOk(waitPasses(&own, passes + 2) && processedBy != self,
            "records of two priorities go to the callback threads");
     testdbPutFieldOk("own:1.PRIO", DBR_STRING, "LOW");
+    plcScanHere(large.scan);
+    plcScanRequestAll(large.scan);
+    testOk(waitPasses(&large, 1) && numLarge == LARGE && firstBy == self && lastBy != self,
+           "a large pass begins \"here\", the rest goes to a callback thread");
 }
 
 static void testEmpty(void)
@@ -664,13 +687,17 @@ static void testMany(void)
 
 /* --- All together ------------------------------------------------------------------- */
 
-static void loadOwn(void)
+static void loadMany(void)
 {
     char macros[40];
     int i;
 
     for (i = 0; i < OWN; i++) {
-        epicsSnprintf(macros, sizeof(macros), "N=%d,PHAS=%d", i, i % 3 == 2);
+        epicsSnprintf(macros, sizeof(macros), "S=own,N=%d,PHAS=%d", i, i % 3 == 2);
+        testdbReadDatabase("scanTestOwn.db", NULL, macros);
+    }
+    for (i = 0; i < LARGE; i++) {
+        epicsSnprintf(macros, sizeof(macros), "S=large,N=%d,PHAS=0", i);
         testdbReadDatabase("scanTestOwn.db", NULL, macros);
     }
 }
@@ -682,7 +709,7 @@ static void startIoc(void)
     testdbReadDatabase("scanTest.dbd", NULL, NULL);
     scanTest_registerRecordDeviceDriver(pdbbase);
     testdbReadDatabase("scanTest.db", NULL, NULL);
-    loadOwn();
+    loadMany();
     gateReached = epicsEventMustCreate(epicsEventEmpty);
     gateOpen = epicsEventMustCreate(epicsEventEmpty);
     hangs = epicsEventMustCreate(epicsEventEmpty);
@@ -691,6 +718,7 @@ static void startIoc(void)
     create(&all, BLOCK, 0);
     create(&range, BLOCK, 1);
     create(&own, BLOCK, 0);
+    create(&large, BLOCK, 0);
 }
 
 static void stopIoc(void)
@@ -702,6 +730,7 @@ static void stopIoc(void)
     destroy(&all);
     destroy(&range);
     destroy(&own);
+    destroy(&large);
     epicsEventDestroy(gateReached);
     epicsEventDestroy(gateOpen);
     epicsEventDestroy(hangs);
@@ -711,7 +740,7 @@ static void stopIoc(void)
 
 MAIN(scanTest)
 {
-    testPlan(2 + 8 + 8 + 17 + 9 + 9 + 21 + 13 + 6 + 3 + 4 + 1);
+    testPlan(2 + 8 + 8 + 17 + 9 + 9 + 21 + 13 + 7 + 3 + 4 + 1);
     startIoc();
     testBeforeInit();
     eltc(0); /* no messages of full queues */
