@@ -432,13 +432,9 @@ static void drain(plcAsynPort *port)
     int i;
 
     epicsAtomicSetIntT(&port->marksLeft, NUM_CALLBACK_PRIORITIES);
-    for (i = 0; i < NUM_CALLBACK_PRIORITIES; i++) {
-        callbackSetCallback(marked, &port->marks[i]);
-        callbackSetPriority(i, &port->marks[i]);
-        callbackSetUser(port, &port->marks[i]);
+    for (i = 0; i < NUM_CALLBACK_PRIORITIES; i++)
         if (callbackRequest(&port->marks[i])) /* its queue is full: no need to mark it */
             marked(&port->marks[i]);
-    }
     while (epicsAtomicGetIntT(&port->marksLeft) > 0 && !epicsAtomicGetIntT(&port->stop))
         epicsEventMustWait(port->drained);
 }
@@ -556,7 +552,13 @@ static void waitFor(plcAsynPort *port)
 void plcAsynThread(void *arg)
 {
     plcAsynPort *port = arg;
+    int i;
 
+    for (i = 0; i < NUM_CALLBACK_PRIORITIES; i++) {
+        callbackSetCallback(marked, &port->marks[i]);
+        callbackSetPriority(i, &port->marks[i]);
+        callbackSetUser(port, &port->marks[i]);
+    }
     port->look = NEVER;
     for (;;) {
         waitFor(port);
