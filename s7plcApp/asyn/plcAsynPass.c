@@ -33,14 +33,15 @@ static void received(void *pvt, const void *block)
 static void delivered(void *pvt, const void *block, const epicsTimeStamp *stamp)
 {
     plcAsynPort *port = pvt;
+    int running = epicsAtomicGetIntT(&port->running);
 
     epicsMutexMustLock(port->arrived);
     memcpy(port->newest, block, plcStationInSize(port->station));
     port->newestStamp = *stamp;
-    port->coalesced += port->fresh;
+    port->coalesced += running && port->fresh;
     port->fresh = 1;
     epicsMutexUnlock(port->arrived);
-    if (!epicsAtomicGetIntT(&port->running))
+    if (!running)
         epicsEventSignal(port->first);
     epicsEventSignal(port->wake);
 }
