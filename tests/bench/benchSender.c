@@ -10,9 +10,10 @@
  *        `changing` of them, evenly spread, get a new value with each block
  *
  * Block from the IOC: 0 DOUBLE CLOCK_MONOTONIC of the put, seconds; the rest is ignored.
+ * The same DOUBLE may come by Modbus/TCP, in the holding registers 0 to 3 (benchModbus.c).
  *
- * Arguments: stations cells changing outSize. Then it prints "ports p1 p2 ...", and obeys
- * lines on standard input, each answered by one line:
+ * Arguments: stations cells changing outSize. Then it prints "ports p1 p2 ... modbus p", and
+ * obeys lines on standard input, each answered by one line:
  *     wait              until every station is connected       "connected"
  *     run RATE COUNT    COUNT blocks per station, RATE/s each   "sent N late MS"
  *     clear             forgets the puts seen                   "cleared"
@@ -30,6 +31,8 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "benchModbus.h"
+
 #define HEADER 32
 #define SAMPLES 100000
 
@@ -40,14 +43,14 @@ typedef struct station {
     double due;            /* when the next one leaves */
     unsigned char in[256]; /* block from the IOC, as far as it came */
     int fill;
-    double lastPut;
 } station;
 
 static station *stations;
 static int numStations, cells, changing, outSize, blockSize;
 static unsigned char *block;
 static struct pollfd *fds;
-static double samples[SAMPLES];
+static int modbusListener, modbusSocket = -1;
+static double samples[SAMPLES], lastPut;
 static int numSamples;
 static long outBlocks;
 static double rate, late;
@@ -176,7 +179,7 @@ static void startRun(int count)
 
 /* --- Blocks from the IOC ----------------------------------------------------------- */
 
-static void takeBlock(station *s)
+static void takePut(const unsigned char *bytes)
 {
     double t = now(), value;
     uint64_t bits = 0;
@@ -184,11 +187,11 @@ static void takeBlock(station *s)
 
     outBlocks++;
     for (i = 0; i < 8; i++)
-        bits = bits << 8 | s->in[i];
+        bits = bits << 8 | bytes[i];
     memcpy(&value, &bits, 8);
-    if (value == s->lastPut || value <= 0)
+    if (value == lastPut || value <= 0)
         return;
-    s->lastPut = value;
+    lastPut = value;
     if (numSamples < SAMPLES)
         samples[numSamples++] = t - value;
 }
@@ -200,7 +203,7 @@ static void receive(station *s)
     if (n > 0) {
         s->fill += n;
         if (s->fill == outSize) {
-            takeBlock(s);
+            takePut(s->in);
             s->fill = 0;
         }
     } else if (n == 0 || errno != EAGAIN) {
@@ -220,6 +223,25 @@ static void acceptOne(station *s)
     setsockopt(s->socket, IPPROTO_TCP, TCP_NODELAY, &one, sizeof(one));
     setsockopt(s->socket, SOL_SOCKET, SO_SNDBUF, &buffer, sizeof(buffer));
     s->fill = 0;
+}
+
+static void modbusAccept(void)
+{
+    int one = 1;
+
+    if (modbusSocket >= 0)
+        close(modbusSocket);
+    modbusSocket = accept(modbusListener, NULL, NULL);
+    setsockopt(modbusSocket, IPPROTO_TCP, TCP_NODELAY, &one, sizeof(one));
+    modbusBegin();
+}
+
+static void modbusReceive(void)
+{
+    if (modbusServe(modbusSocket, takePut) == 0)
+        return;
+    close(modbusSocket);
+    modbusSocket = -1;
 }
 
 static int compare(const void *a, const void *b)
@@ -291,6 +313,7 @@ static int allConnected(void)
 static void waitFor(double next)
 {
     struct timespec limit = {0, 0};
+    struct pollfd *modbus = fds + 1 + 2 * numStations;
     double rest = next - now();
     int i;
 
@@ -301,11 +324,14 @@ static void waitFor(double next)
         fds[2 + 2 * i].fd = stations[i].socket;
         fds[1 + 2 * i].events = fds[2 + 2 * i].events = POLLIN;
     }
+    modbus[0].fd = modbusListener;
+    modbus[1].fd = modbusSocket;
+    modbus[0].events = modbus[1].events = POLLIN;
     if (rest > 0) {
         limit.tv_sec = (time_t)rest;
         limit.tv_nsec = (long)((rest - limit.tv_sec) * 1e9);
     }
-    if (ppoll(fds, 1 + 2 * numStations, next ? &limit : NULL, NULL) <= 0)
+    if (ppoll(fds, 3 + 2 * numStations, next ? &limit : NULL, NULL) <= 0)
         return;
     for (i = 0; i < numStations; i++) {
         if (fds[2 + 2 * i].revents && stations[i].socket >= 0)
@@ -313,8 +339,27 @@ static void waitFor(double next)
         if (fds[1 + 2 * i].revents)
             acceptOne(&stations[i]);
     }
+    if (modbus[1].revents && modbusSocket >= 0)
+        modbusReceive();
+    if (modbus[0].revents)
+        modbusAccept();
     if (fds[0].revents)
         readCommands();
+}
+
+/* A listening socket; its port is printed. */
+static int listenOne(void)
+{
+    struct sockaddr_in a = {.sin_family = AF_INET,
+                            .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    socklen_t length = sizeof(a);
+    int s = socket(AF_INET, SOCK_STREAM, 0);
+
+    if (bind(s, (struct sockaddr *)&a, sizeof(a)) || listen(s, 5) ||
+        getsockname(s, (struct sockaddr *)&a, &length))
+        die("listen");
+    printf(" %d", ntohs(a.sin_port));
+    return s;
 }
 
 static void listenAll(void)
@@ -323,18 +368,11 @@ static void listenAll(void)
 
     printf("ports");
     for (i = 0; i < numStations; i++) {
-        struct sockaddr_in a = {.sin_family = AF_INET,
-                                .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
-        socklen_t length = sizeof(a);
-        int s = socket(AF_INET, SOCK_STREAM, 0);
-
-        if (bind(s, (struct sockaddr *)&a, sizeof(a)) || listen(s, 5) ||
-            getsockname(s, (struct sockaddr *)&a, &length))
-            die("listen");
-        stations[i].listener = s;
+        stations[i].listener = listenOne();
         stations[i].socket = -1;
-        printf(" %d", ntohs(a.sin_port));
     }
+    printf(" modbus");
+    modbusListener = listenOne();
     printf("\n");
 }
 
@@ -357,7 +395,7 @@ int main(int argc, char *argv[])
         return 2;
     }
     stations = calloc(numStations, sizeof(*stations));
-    fds = calloc(1 + 2 * numStations, sizeof(*fds));
+    fds = calloc(3 + 2 * numStations, sizeof(*fds));
     block = calloc(1, blockSize);
     listenAll();
     for (;;) {
