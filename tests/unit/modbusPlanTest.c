@@ -801,7 +801,7 @@ static void testExceptions(void)
     plcExceptionText(2, text, sizeof(text));
     testOk(strcmp(text, "exception 2, illegal data address") == 0, "%s", text);
     plcExceptionText(11, text, sizeof(text));
-    testOk(strcmp(text, "exception 11, no answer at gateway") == 0, "%s", text);
+    testOk(strcmp(text, "exception 11, gateway: no answer") == 0, "%s", text);
     plcExceptionText(9, text, sizeof(text));
     testOk(strcmp(text, "exception 9, not in the standard") == 0, "%s", text);
     for (i = 0; i < 256; i++) {

@@ -690,7 +690,7 @@ static void testAllRefused(void)
                fault(w->inFaults, 100, 1)[0],
            "all refused: a block with faults, %s", fault(w->inFaults, 100, 1));
     testOk(!w->all.shown &&
-               strcmp(w->all.unread, "PLC: exception 11, no answer at gateway") == 0,
+               strcmp(w->all.unread, "PLC: exception 11, gateway: no answer") == 0,
            "outputs unread: %s", w->all.unread);
     worldDestroy(w);
     plcDestroy(p);
