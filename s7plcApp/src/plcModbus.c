@@ -932,13 +932,19 @@ static int readTurn(plcModbus *m, unsigned at)
 static void endRound(plcModbus *m)
 {
     session *s = &m->session;
+    int whole = m->setup.inputCount && (s->inputsRead || !s->inputsTried);
 
     s->round = 0;
-    if (m->setup.inputCount && (s->inputsRead || !s->inputsTried) && enter(m)) {
-        memcpy(m->inNews, m->in, m->setup.inSize);
-        epicsTimeGetCurrent(&m->news.stamp);
-        m->news.blocks++;
-        tell(m);
+    if (enter(m)) {
+        if (whole) {
+            memcpy(m->inNews, m->in, m->setup.inSize);
+            epicsTimeGetCurrent(&m->news.stamp);
+            m->news.blocks++;
+        }
+        if (whole || m->news.inFaults)
+            tell(m); /* also when the PLC has just refused all there is */
+        else
+            epicsMutexUnlock(m->lock);
     }
     s->inputsTried = 1;
     s->inputsRead = 0;
