@@ -14,10 +14,6 @@
 #include "plcHot.h"
 #include "plcStationPvt.h"
 
-#ifndef POLLRDHUP
-#define POLLRDHUP 0 /* the worker finds out */
-#endif
-
 /* Waits before attempts to connect, ms: the first at once, then up to the last. */
 static const unsigned backoff[] = {0, 50, 100, 200, 400, 700};
 
@@ -460,21 +456,16 @@ PLC_HOT void plcLineReady(plcStation *s, unsigned i, short revents, epicsUInt64 
             lineFailed(s, i, now, c->error);
         return;
     }
-    if (c->state != plcConnectionUp || !(revents & (POLLIN | POLLRDHUP | POLLHUP | POLLERR)))
-        return;
-    if (plcLineIsModbus(s, i))
-        plcLineLost(s, i, now, "connection closed by PLC"); /* what it sends is the worker's */
-    else
+    if (c->state == plcConnectionUp && revents & (POLLIN | POLLHUP | POLLERR))
         lineReceive(s, i, now);
 }
 
-/* What to wait for in poll(). */
-short plcLineEvents(const plcStation *s, unsigned i)
+int plcLineSocket(const plcStation *s, unsigned i)
 {
     const plcConnection *c = &s->lines[i].connection;
+    int worker = plcLineIsModbus(s, i) && c->state == plcConnectionUp;
 
-    return plcLineIsModbus(s, i) && c->state == plcConnectionUp ? POLLRDHUP
-                                                                : plcConnectionEvents(c);
+    return worker || c->state == plcConnectionDown ? -1 : c->socket;
 }
 
 /* The data of a pair lives on for recvTimeout without a leader. */

@@ -221,8 +221,9 @@ void plcLineStep(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64 *wake);
 /* The data of a pair lives on for recvTimeout without a leader. */
 void plcLineDataStep(plcStation *s, epicsUInt64 *wake);
 
-/* What poll() is to report about line i, which is not down. */
-short plcLineEvents(const plcStation *s, unsigned i);
+/* The socket of line i for poll(); -1: none. While a line speaks Modbus its worker watches
+ * it, and knows why it ends. */
+int plcLineSocket(const plcStation *s, unsigned i);
 
 /* poll() reported something about line i. */
 void plcLineReady(plcStation *s, unsigned i, short revents, epicsUInt64 now);

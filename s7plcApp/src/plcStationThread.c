@@ -265,10 +265,8 @@ static void waitFor(plcStation *s, epicsUInt64 wake)
     fds[0].fd = s->wakePipe[0];
     fds[0].events = POLLIN;
     for (i = 0; i < s->lineCount; i++) {
-        plcConnection *c = &s->lines[i].connection;
-
-        fds[i + 1].fd = c->state == plcConnectionDown ? -1 : c->socket;
-        fds[i + 1].events = plcLineEvents(s, i);
+        fds[i + 1].fd = plcLineSocket(s, i);
+        fds[i + 1].events = plcConnectionEvents(&s->lines[i].connection);
         fds[i + 1].revents = 0;
     }
 #ifdef __linux__
