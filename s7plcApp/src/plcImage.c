@@ -363,22 +363,47 @@ void plcImageTakeChanges(plcImage *image, void *dst, void *mask)
     epicsMutexUnlock(image->lock);
 }
 
-int plcImageOwe(plcImage *image, const void *shown)
+/* Where the value that begins at byte i ends: whole registers, and what is glued. */
+static size_t valueEnd(const plcImage *image, const epicsUInt8 *glue, size_t i)
 {
-    const epicsUInt8 *now, *there = shown;
-    epicsUInt8 owed;
-    int any = 0;
+    for (i++; glue && i < image->size && (glue[i] || i % 2); i++)
+        ;
+    return i;
+}
+
+/* Marks what differs in bytes first to end - 1, one value. Returns 1 when something does.
+ * The lock is held. */
+static int owe(plcImage *image, const epicsUInt8 *shown, size_t first, size_t end)
+{
+    const epicsUInt8 *now = bytesOf(image);
+    int any = 0, whole = end - first > 1;
     size_t i;
 
-    epicsMutexMustLock(image->lock);
-    now = bytesOf(image);
-    for (i = 0; image->changed && i < image->size; i++) {
-        owed = (epicsUInt8)(image->ours[i] & (there ? now[i] ^ there[i] : 0xFF));
+    for (i = first; i < end; i++) {
+        epicsUInt8 owed =
+            (epicsUInt8)(image->ours[i] & (shown ? now[i] ^ shown[i] : 0xFF));
+
         image->changed[i] |= owed;
         any |= owed;
+        whole &= image->ours[i] == 0xFF;
+    }
+    if (any && whole)
+        memset(image->changed + first, 0xFF, end - first);
+    return any != 0;
+}
+
+int plcImageOwe(plcImage *image, const void *shown, const epicsUInt8 *glue)
+{
+    int any = 0;
+    size_t i, end;
+
+    epicsMutexMustLock(image->lock);
+    for (i = 0; image->changed && i < image->size; i = end) {
+        end = valueEnd(image, glue, i);
+        any |= owe(image, shown, i, end);
     }
     if (any)
         setDirty(image, 1);
     epicsMutexUnlock(image->lock);
-    return any != 0;
+    return any;
 }

@@ -83,9 +83,12 @@ void plcImageTakeChanges(plcImage *image, void *dst, void *mask);
 
 /* A new connection, where the PLC shows that it holds `shown` (as large as the image; NULL:
  * it does not show it): every bit that was ever written and differs counts as written now.
+ * glue (may be NULL) has a byte per byte of the image, not 0: it belongs to the same value as
+ * the byte before it. A value that was written whole is owed whole, as are the two bytes of a
+ * register, so that it leaves as it was put.
  * Places that plcImageSet has set since are not ours any more, and do not count.
  * Returns 1 when there are such bits (the image is dirty then), else 0. */
-int plcImageOwe(plcImage *image, const void *shown);
+int plcImageOwe(plcImage *image, const void *shown, const epicsUInt8 *glue);
 
 /* What was written since plcImageTake is no reason to send any more. Bits that were ever
  * written stay remembered. */

@@ -219,7 +219,7 @@ static void takeShown(plcStation *s, const void *block)
         return;
     takeReadback(s, block);
     if (s->modbus.on)
-        plcImageOwe(s->out, NULL);
+        plcImageOwe(s->out, NULL, NULL);
 }
 
 /* Outputs follow the PLC from block to block. */

@@ -186,19 +186,35 @@ static void inputCame(plcStation *s, const plcModbusNews *news, epicsUInt64 now)
                   news->blocks, now);
 }
 
+/* What the PLC holds as we do is no fault any more. An alarm elsewhere ends with a write that
+ * is acknowledged. */
+static void forgetFaults(plcStation *s, const char *shown)
+{
+    plcModbusSide *m = &s->modbus;
+    size_t i;
+
+    plcImagePeek(s->out, 0, s->outSize, m->image);
+    for (i = 0; i < s->outSize; i++)
+        m->mask[i] = (char)~(m->image[i] ^ shown[i]);
+    plcFaultsClear(m->outFaults, 0, s->outSize, m->mask);
+}
+
 /* The output registers as the PLC holds them, on a new connection: outputs with a read-back
  * take them, and what else the IOC has written is owed where it differs. */
 static void outputsTake(plcStation *s, const char *shown)
 {
     plcModbusSide *m = &s->modbus;
+    epicsUInt8 *glue = glueOf(s, 1);
     unsigned places = 0;
 
-    if (shown)
+    if (shown) {
         places = plcReadbackTake(m->readback, shown, s->out) +
                  plcReadbackTake(m->tracked, shown, s->out);
+        forgetFaults(s, shown);
+    }
     bearFruit(s);
-    plcFaultsClearAll(m->outFaults);
-    plcImageOwe(s->out, shown);
+    plcImageOwe(s->out, shown, glue);
+    free(glue);
     s->dirtySince = 0;
     epicsAtomicSetIntT(&s->taken, 1);
     plcInputFollow(s, places);
@@ -275,7 +291,7 @@ void plcWireOutputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     forced = epicsAtomicGetIntT(&s->sendNow);
     if (forced) {
         epicsAtomicSetIntT(&s->sendNow, 0);
-        plcImageOwe(s->out, NULL);
+        plcImageOwe(s->out, NULL, NULL);
     }
     if (!plcImageDirty(s->out))
         return;

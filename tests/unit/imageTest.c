@@ -176,49 +176,84 @@ static void testChanges(void)
     plcImageDestroy(image);
 }
 
+/* What is owed where the PLC shows this */
+static int owes(plcImage *image, const char *shown, const epicsUInt8 *glue, const char *mask)
+{
+    char bytes[8], got[8];
+
+    if (!plcImageOwe(image, shown, glue))
+        return 0;
+    plcImageTakeChanges(image, bytes, got);
+    return memcmp(got, mask, 8) == 0 && memcmp(bytes, "ABCDE\0G\x08", 8) == 0;
+}
+
+static void testOwedWhole(void)
+{
+    static const epicsUInt8 glue[8] = {0, 1, 1, 1}; /* a value of four bytes */
+    plcImage *image = plcImageCreate(8);
+    char taken[8];
+
+    plcImageTrackWrites(image);
+    plcImageWrite(image, 0, 5, "ABCDE", NULL);
+    plcImageWrite(image, 6, 2, "G\x08", "\xFF\x0F");
+    plcImageTake(image, taken);
+    testOk(owes(image, "ABCE" "E\0G\x08", glue, "\xFF\xFF\xFF\xFF\0\0\0\0"),
+           "a value that differs is owed whole");
+    testOk(owes(image, "ABCD" "D\0F\x07", glue, "\0\0\0\0\x01\0\x01\x0F"),
+           "but only bits where a part of its register is not ours");
+    testOk(owes(image, "ABCE" "E\0G\x08", NULL, "\0\0\0\x01\0\0\0\0"),
+           "or where nobody says what a value is");
+    plcImageWrite(image, 5, 1, "\0", NULL);
+    plcImageTake(image, taken);
+    testOk(owes(image, "ABCD" "E\1G\x08", glue, "\0\0\0\0\xFF\xFF\0\0"),
+           "both bytes of a register together");
+    plcImageDestroy(image);
+}
+
 static void testOwed(void)
 {
     plcImage *image = plcImageCreate(4);
 
     plcImageTrackWrites(image);
-    testOk(plcImageOwe(image, "wxyz") == 0 && plcImageOwe(image, NULL) == 0 &&
+    testOk(plcImageOwe(image, "wxyz", NULL) == 0 && plcImageOwe(image, NULL, NULL) == 0 &&
                !plcImageDirty(image),
            "who has written nothing owes nothing");
     plcImageWrite(image, 0, 2, "AB", NULL);
     plcImageWrite(image, 3, 1, "\x02", "\x03");
     testOk(takes(image, "AB\0\x02", "\xFF\xFF\0\x03"), "written and taken");
-    testOk(plcImageOwe(image, "AB\x55\xF2") == 0 && !plcImageDirty(image),
+    testOk(plcImageOwe(image, "AB\x55\xF2", NULL) == 0 && !plcImageDirty(image),
            "a PLC that shows it gets nothing");
-    testOk(plcImageOwe(image, "ACzz") == 1 && plcImageDirty(image) &&
+    testOk(plcImageOwe(image, "ACzz", NULL) == 1 && plcImageDirty(image) &&
                takes(image, "AB\0\x02", "\0\x01\0\0"),
            "else the bits that differ");
-    testOk(plcImageOwe(image, NULL) == 1 && takes(image, "AB\0\x02", "\xFF\xFF\0\x03"),
+    testOk(plcImageOwe(image, NULL, NULL) == 1 && takes(image, "AB\0\x02", "\xFF\xFF\0\x03"),
            "or all, if it shows nothing");
     testOk(plcImageSet(image, 0, 1, "A", NULL, NULL) == 0 &&
-               plcImageOwe(image, NULL) == 1 && takes(image, "AB\0\x02", "\0\xFF\0\x03"),
+               plcImageOwe(image, NULL, NULL) == 1 && takes(image, "AB\0\x02", "\0\xFF\0\x03"),
            "what was set meanwhile is not ours any more, though it was the same");
     testOk(plcImageSet(image, 1, 1, "C", NULL, "D") == 0 &&
-               plcImageOwe(image, "AA\0\x02") && takes(image, "AB\0\x02", "\0\x03\0\0"),
+               plcImageOwe(image, "AA\0\x02", NULL) && takes(image, "AB\0\x02", "\0\x03\0\0"),
            "it is when another value was expected there");
     plcImageWrite(image, 1, 1, "E", NULL);
-    testOk(plcImageSet(image, 1, 1, "\0", "\x0F", "E") == 1 && plcImageOwe(image, NULL) &&
+    testOk(plcImageSet(image, 1, 1, "\0", "\x0F", "E") == 1 && plcImageOwe(image, NULL, NULL) &&
                takes(image, "A\x40\0\x02", "\0\xF0\0\x03"),
            "bits that are set take only themselves out, also of what waits");
     plcImageWrite(image, 2, 1, "z", NULL);
-    testOk(plcImageOwe(image, "A\x40z\x02") == 0 &&
+    testOk(plcImageOwe(image, "A\x40z\x02", NULL) == 0 &&
                takes(image, "A\x40z\x02", "\0\0\xFF\0"),
            "what waits leaves in any case");
     plcImageDestroy(image);
 
+    testOwedWhole();
     image = plcImageCreate(0);
     plcImageTrackWrites(image);
     plcImageTakeChanges(image, NULL, NULL);
-    testOk(plcImageOwe(image, NULL) == 0, "an image of 0 bytes owes nothing");
+    testOk(plcImageOwe(image, NULL, NULL) == 0, "an image of 0 bytes owes nothing");
     plcImageDestroy(image);
 
     image = plcImageCreate(4);
     plcImageWrite(image, 0, 4, "ABCD", NULL);
-    testOk(plcImageOwe(image, NULL) == 0 && takes(image, "ABCD", "\0\0\0\0"),
+    testOk(plcImageOwe(image, NULL, NULL) == 0 && takes(image, "ABCD", "\0\0\0\0"),
            "an image that does not track knows no bits");
     plcImageDestroy(image);
 }
@@ -334,7 +369,7 @@ static int randomStep(plcImage *image, model *m)
         break;
     case 4:
         wrong =
-            plcImageOwe(image, masked ? src : NULL) != modelOwe(m, masked ? src : NULL);
+            plcImageOwe(image, masked ? src : NULL, NULL) != modelOwe(m, masked ? src : NULL);
         break;
     case 5:
         plcImageTakeChanges(image, got, gotMask);
@@ -484,7 +519,7 @@ static void bitTaker(void *arg)
         last = epicsAtomicGetIntT(&r->writersEnded) == WRITERS;
         if (round % 100 == 99) {
             memset(r->held, round & 0xFF, sizeof(r->held));
-            plcImageOwe(r->out, round % 200 == 99 ? r->held : NULL);
+            plcImageOwe(r->out, round % 200 == 99 ? r->held : NULL, NULL);
         }
         plcImageTakeChanges(r->out, bytes, mask);
         for (i = 0; i <= WRITERS; i++)
@@ -559,7 +594,7 @@ static void testBitThreads(void)
 
 MAIN(imageTest)
 {
-    testPlan(13 + 10 + 10 + 3 + 8 + 11 + 1 + 3 + 1);
+    testPlan(13 + 10 + 10 + 3 + 8 + 11 + 4 + 1 + 3 + 1);
     testDiag("Input");
     testInput();
     testDiag("Output");
