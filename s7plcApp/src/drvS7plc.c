@@ -327,7 +327,9 @@ static void s7plcRegister(void)
 
 static void hook(initHookState state)
 {
-    if (state == initHookAfterIocRunning)
+    if (state == initHookAfterInitDatabase)
+        plcStationsReady();
+    else if (state == initHookAfterIocRunning)
         plcStationsRun();
 }
 

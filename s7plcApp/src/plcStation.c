@@ -22,7 +22,7 @@
 static ELLLIST stations = ELLLIST_INIT;
 static epicsMutexId listLock;
 static epicsThreadOnceId once = EPICS_THREAD_ONCE_INIT;
-static int allStarted, allRunning;
+static int allStarted, allReady, allRunning;
 
 /* Room for the log lines of hundreds of stations that connect or lose their PLCs at once;
  * EPICS's own is for a dozen. Without effect where st.cmd or the program has chosen one. */
@@ -205,6 +205,7 @@ plcStation *plcStationCreate(const plcStationConfig *config)
 
     lockList();
     ellAdd(&stations, &s->node);
+    s->ready = allReady;
     s->running = allRunning;
     if (allStarted)
         startThread(s);
@@ -223,17 +224,30 @@ void plcStationsStart(void)
     unlockList();
 }
 
-void plcStationsRun(void)
+/* From now on the stations know all records, or that scans run too. */
+static void reach(int running)
 {
     plcStation *s;
 
     lockList();
-    allRunning = 1;
+    allReady = 1;
+    allRunning |= running;
     for (s = (plcStation *)ellFirst(&stations); s; s = (plcStation *)ellNext(&s->node)) {
-        epicsAtomicSetIntT(&s->running, 1);
+        epicsAtomicSetIntT(&s->ready, 1);
+        epicsAtomicSetIntT(&s->running, allRunning);
         plcStationWake(s);
     }
     unlockList();
+}
+
+void plcStationsReady(void)
+{
+    reach(0);
+}
+
+void plcStationsRun(void)
+{
+    reach(1);
 }
 
 void plcStationsStop(void)
@@ -241,7 +255,7 @@ void plcStationsStop(void)
     plcStation *s;
 
     lockList();
-    allStarted = allRunning = 0;
+    allStarted = allReady = allRunning = 0;
     for (s = (plcStation *)ellFirst(&stations); s; s = (plcStation *)ellNext(&s->node)) {
         epicsAtomicSetIntT(&s->stop, 1);
         plcStationWake(s);

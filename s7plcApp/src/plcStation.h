@@ -82,9 +82,11 @@ void plcStationEach(void (*visit)(plcStation *station, void *arg), void *arg);
 /* Names of all stations, separated by blanks, for error messages. */
 void plcStationNames(char *text, size_t size);
 
-/* Starts the threads of all stations (iocInit) / tells them that the PINI run is over and
- * scans are on / ends and joins them (exit; stations stay, not connected). */
+/* Starts the threads of all stations (iocInit) / tells them that all records are there / that
+ * the PINI run is over and scans are on / ends and joins them (exit; stations stay, not
+ * connected). */
 void plcStationsStart(void);
+void plcStationsReady(void);
 void plcStationsRun(void);
 void plcStationsStop(void);
 

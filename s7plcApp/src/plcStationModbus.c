@@ -115,21 +115,37 @@ static epicsUInt8 *glueOf(plcStation *s, int output)
     return glue;
 }
 
-void plcWireUp(plcStation *s)
+/* Not before all records are there: the worker must know where values lie, or it would cut
+ * one. */
+static void startWhenReady(plcStation *s)
 {
     plcModbusSide *m = &s->modbus;
-    epicsUInt8 *in = glueOf(s, 0), *out = glueOf(s, 1);
+    epicsUInt8 *in, *out;
 
-    m->shown = m->unread = 0;
-    m->ordered = 0;
+    if (!m->waiting || !epicsAtomicGetIntT(&s->ready))
+        return;
+    m->waiting = 0;
+    in = glueOf(s, 0);
+    out = glueOf(s, 1);
     plcModbusStart(m->worker, s->lines[m->line].connection.socket,
                    m->wire.inputCount ? in : NULL, out);
     free(in);
     free(out);
 }
 
+void plcWireUp(plcStation *s)
+{
+    plcModbusSide *m = &s->modbus;
+
+    m->shown = m->unread = 0;
+    m->ordered = 0;
+    m->waiting = 1;
+    startWhenReady(s);
+}
+
 void plcWireDown(plcStation *s)
 {
+    s->modbus.waiting = 0;
     plcModbusStop(s->modbus.worker);
     epicsAtomicSetIntT(&s->taken, 0);
     if (s->modbus.inFaults)
@@ -248,6 +264,7 @@ void plcWireStep(plcStation *s, epicsUInt64 now)
     plcModbusNews news;
     char text[PLC_REASON_SIZE + 60];
 
+    startWhenReady(s);
     if (plcModbusTake(m->worker, &news, m->input, m->output)) {
         countNews(s, &news, now);
         if (news.log[0])

@@ -37,6 +37,7 @@ typedef struct plcModbusSide {
     /* owned by the thread */
     char *input, *output;  /* as news brings them */
     char *image, *mask;    /* what is written next */
+    int waiting;           /* the connection is up, the worker has not got it yet */
     int shown;             /* `output` is news that nobody has looked at yet */
     int unread;            /* the PLC does not show its output registers */
     epicsUInt64 ordered;   /* when the oldest write under way was made; 0: none is */
@@ -87,6 +88,7 @@ struct plcStation {
     int wakePipe[2];
     int woken;   /* atomic: a byte is in the pipe already */
     int stop;    /* atomic */
+    int ready;   /* atomic: all records are there */
     int running; /* atomic: PINI is over, scans are on */
     int sendNow; /* atomic: s7plcSend */
     int written; /* atomic: an output without read-back was written since start */
