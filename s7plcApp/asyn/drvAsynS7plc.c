@@ -10,11 +10,9 @@
 
 #include <epicsExport.h> /* last */
 
-#define INITIAL_WAIT_MS 500 /* as long as asyn itself waits for a port to connect */
-
 int drvAsynS7plcConfigure(const char *port, const char *PLCname, const char *initialWait)
 {
-    double wait = INITIAL_WAIT_MS;
+    double wait = 0;
 
     if (initialWait && initialWait[0] &&
         (epicsParseDouble(initialWait, &wait, NULL) || !(wait >= 0 && wait <= 60000))) {
@@ -34,7 +32,7 @@ static const iocshFuncDef configureDef = {
 #ifdef IOCSHFUNCDEF_HAS_USAGE
     ,
     "Makes an asyn port of a PLC that is configured. initialWait: how long iocInit may wait\n"
-    "for the first block, for outputs whose initial value the PLC shows (default 500 ms).\n"
+    "for the first block, for outputs whose initial value the PLC shows (default 0).\n"
     "  drvAsynS7plcConfigure PLC-A-asyn,PLC-A\n"
 #endif
 };

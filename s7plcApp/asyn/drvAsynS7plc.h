@@ -7,7 +7,7 @@ extern "C" {
 #endif
 
 /* Makes an asyn port of a PLC, after its own configure command and before iocInit.
- * initialWait (ms as text, NULL: 500): how long iocInit may wait for the first blocks, for
+ * initialWait (ms as text, NULL: 0): how long iocInit may wait for the first blocks, for
  * outputs whose initial value the PLC shows; the longest of all ports counts, for all of
  * them together. Returns 0, or -1 after an error line. */
 int drvAsynS7plcConfigure(const char *port, const char *PLCname, const char *initialWait);
