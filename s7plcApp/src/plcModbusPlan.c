@@ -20,7 +20,7 @@ static const struct {
     {7,  "negative acknowledge"},
     {8,  "memory parity error" },
     {10, "no gateway path"     },
-    {11, "gateway: no answer"},
+    {11, "gateway: no answer"  },
     {0,  NULL                  }
 };
 
