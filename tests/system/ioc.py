@@ -13,6 +13,11 @@ from waiting import LIMIT, until, until_equal
 _prefixes = itertools.count()
 
 
+def errors_in(log):
+    """The lines of a log that are no mere information."""
+    return [line for line in log.splitlines() if "sevr=" in line and "sevr=info" not in line]
+
+
 class Ioc:
     """P is the prefix of its records: $(P) in the database, left out in get() and put()."""
 
@@ -146,6 +151,13 @@ class Ioc:
             self.pvs[name] = pv
             assert pv.wait_for_connection(LIMIT), f"no PV {self.P + name}\n{self.log}"
         return self.pvs[name]
+
+    def connect(self, names):
+        """Connects many at once: one by one takes its time."""
+        new = [name for name in names if name not in self.pvs]
+        self.pvs.update({name: epics.PV(self.P + name, auto_monitor=False) for name in new})
+        for name in new:
+            assert self.pvs[name].wait_for_connection(LIMIT), f"no PV {self.P + name}"
 
     def get(self, name, **kw):
         """The value now, asked from the IOC."""

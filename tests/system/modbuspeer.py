@@ -236,13 +236,17 @@ class Words:
 
     def pack(self, start, form, *values):
         """Puts values as struct has them, most significant byte first: pack(4, "f", 1.5)."""
-        data = struct.pack(">" + form, *values)
-        self[start:] = struct.unpack(f">{len(data) // 2}H", data)
+        self.put(start, struct.pack(">" + form, *values))
 
     def unpack(self, start, form):
-        size = struct.calcsize(">" + form)
-        words = self.words[start:start + size // 2]
-        return struct.unpack(">" + form, struct.pack(f">{size // 2}H", *words))
+        return struct.unpack(">" + form, self.bytes(start, struct.calcsize(">" + form)))
+
+    def put(self, start, data):
+        """Puts bytes, the first one into the upper half of register `start`."""
+        self[start:] = struct.unpack(f">{len(data) // 2}H", data)
+
+    def bytes(self, start, size):
+        return struct.pack(f">{size // 2}H", *self.words[start:start + size // 2])
 
 
 class Bits:

@@ -1,0 +1,836 @@
+"""Blocks in, Modbus out (s7plcModbusOutput): what leaves, when, and whom a refusal concerns."""
+import random
+import struct
+import time
+
+import pytest
+
+from ioc import errors_in
+from waiting import until, until_equal
+
+IN = """
+record(longin, "$(P)in") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT16") field(SCAN, "I/O Intr") }
+"""
+
+
+IN_SIZE = 32  # bytes
+
+
+class Station:
+    """A PLC that sends blocks and serves Modbus on another port, and the IOC.
+
+    Its records write registers 100 and up: byte offset 2 n is register 100 + n."""
+
+    START = 100
+
+    def __init__(self, new_peer, new_modbus, new_ioc, db, *options, registers=400, big=1, **kw):
+        self.blocks = new_peer(IN_SIZE, 2 * registers)
+        self.big = big
+        self.plc = new_modbus(**kw)
+        self.lines = (self.blocks.configure(recv_timeout=20000, send_interval=3600000, big=big) +
+                      f'\ns7plcModbusOutput("PLC", "", {self.plc.port}, 1, {self.START})' +
+                      "".join(f"\ns7plcSetOption PLC {option}" for option in options))
+        self.holding = self.plc.holding
+        self.new_ioc, self.db = new_ioc, db
+
+    def start(self, ready=True):
+        self.ioc = self.new_ioc(self.lines, IN + self.db)
+        self.blocks.wait_connected()
+        self.show(5)
+        if ready:
+            self.ioc.wait_value("in", 5)
+            until(lambda: self.plc.answers > 0 and self.plc.answers >= self.first_reads(),
+                  "the first read of the registers")
+        self.mark = self.plc.mark()
+        return self
+
+    def show(self, value):
+        """Blocks with this value of record "in" from now on."""
+        self.blocks.every(0.05, value.to_bytes(2, "big" if self.big else "little") + bytes(IN_SIZE - 2))
+
+    def first_reads(self):
+        return -(-self.blocks.out_size // 250)
+
+    def register(self, n):
+        return self.holding[self.START + n]
+
+    def wait_register(self, n, value):
+        until_equal(lambda: self.register(n), value)
+
+    def writes(self):
+        return self.plc.writes(self.mark)
+
+    def written(self):
+        """Offsets in registers that were written since the start."""
+        return {a - self.START for a in self.plc.written(self.mark)}
+
+
+@pytest.fixture
+def new_station(new_peer, new_modbus, new_ioc):
+    def make(db, *options, start=True, ready=True, **kw):
+        station = Station(new_peer, new_modbus, new_ioc, db, *options, **kw)
+        return station.start(ready) if start else station
+    return make
+
+
+def words(count, first=0, fields="", kind="INT16", step=1):
+    """`count` longout records o0, o1, ... in registers first, first + step, ..."""
+    return "\n".join(
+        f'record(longout, "$(P)o{i}") {{ field(DTYP, "S7plc") '
+        f'field(OUT, "@PLC/{2 * (first + step * i)} T={kind}") {fields} }}' for i in range(count))
+
+
+def bits(count, register=0, fields=""):
+    return "\n".join(f'record(bo, "$(P)b{i}") {{ field(DTYP, "S7plc") '
+                     f'field(OUT, "@PLC/{2 * register} T=WORD B={i}") {fields} }}'
+                     for i in range(count))
+
+
+def put_together(station, values):
+    """Puts that leave in one go: they gather behind a request that has no answer yet."""
+    plc, ioc = station.plc, station.ioc
+    ioc.connect([*values, *(name + ".SEVR" for name in values)])
+    plc.answering.clear()
+    begin = plc.mark()
+    until(lambda: plc.mark() > begin or plc.handlers[-1].pending, "a request on its way")
+    for name, value in values.items():
+        ioc.put(name, value)
+    plc.answering.set()
+
+
+# Requests that come by themselves, for puts to gather behind, and that may wait for a while
+OFTEN = "readPeriod 20", "requestTimeout 30000"
+
+
+# --- What leaves -------------------------------------------------------------------------------
+
+def test_put(new_station):
+    """a put is written to its register by itself, acknowledged, and the block connection carries none of it"""
+    s = new_station(words(10))
+    s.ioc.put("o3", 1234)
+    s.wait_register(3, 1234)
+    s.ioc.put("o3", -2)
+    s.wait_register(3, 0xFFFE)
+    assert [(r.function, r.start, r.count) for r in s.writes()] == [(16, 103, 1)] * 2
+    assert s.ioc.alarm("o3") == ("NO_ALARM", "NO_ALARM", "")
+    assert s.ioc.get("in") == 5
+    assert s.blocks.connection.received == b""
+
+
+@pytest.mark.parametrize("big, option, wanted", [
+    (1, "", [0x1234, 0x1234, 0x5678, 0x4142]), (1, "wordOrder low", [0x1234, 0x5678, 0x1234, 0x4142]),
+    (0, "", [0x1234, 0x5678, 0x1234, 0x4241]), (0, "wordOrder high", [0x1234, 0x1234, 0x5678, 0x4241])])
+def test_byte_order(new_station, big, option, wanted):
+    """bigEndian={big} {option}: a register is the number of its two bytes in the PLC's order"""
+    s = new_station("""
+        record(longout, "$(P)short") { field(DTYP, "S7plc") field(OUT, "@PLC/0 T=INT16") }
+        record(longout, "$(P)long") { field(DTYP, "S7plc") field(OUT, "@PLC/2 T=INT32") }
+        record(stringout, "$(P)text") { field(DTYP, "S7plc") field(OUT, "@PLC/6 L=2") }
+        """, *[option] if option else [], big=big, registers=4)
+    s.ioc.put("short", 0x1234)
+    s.ioc.put("long", 0x12345678)
+    s.ioc.put("text", "AB")
+    until_equal(lambda: [s.register(i) for i in range(4)], wanted)
+
+
+def test_neighbours_together(new_station):
+    """puts that come while a request is on its way leave behind it, neighbours in one request"""
+    s = new_station(words(200), *OFTEN)
+    put_together(s, {f"o{i}": 500 + i for i in [*range(20, 50), 60, 61]})
+    s.wait_register(61, 561)
+    assert [(r.function, r.start, r.count) for r in s.writes()] == [(16, 120, 30), (16, 160, 2)]
+    assert [s.register(i) for i in range(20, 50)] == [500 + i for i in range(20, 50)]
+
+
+def test_latest_value(new_station):
+    """many puts to one record while a request is on its way: the last value leaves, once"""
+    s = new_station(words(1), *OFTEN)
+    put_together(s, {"o0": 1})
+    s.wait_register(0, 1)
+    s.plc.answering.clear()
+    mark = s.plc.mark()
+    until(lambda: s.plc.mark() > mark, "a request on its way")
+    for value in range(2, 60):
+        s.ioc.put("o0", value)
+    s.plc.answering.set()
+    s.wait_register(0, 59)
+    assert len(s.writes()) == 2
+
+
+def test_holdoff(new_station):
+    """holdoff: puts that follow each other in this time leave in one request"""
+    s = new_station(words(50), "holdoff 3000")
+    for i in range(50):
+        s.ioc.put(f"o{i}", i + 1)
+    s.wait_register(49, 50)
+    assert [(r.function, r.start, r.count) for r in s.writes()] == [(16, 100, 50)]
+
+
+@pytest.mark.parametrize("delay", [0, 0.02])
+def test_burst(new_station, delay):
+    """1,000 puts in a burst (answers take {delay} s): the last value of each record, in requests of legal size"""
+    s = new_station(words(150, kind="INT32", step=2) + words(100, first=302, step=3).replace("$(P)o", "$(P)p") +
+                    bits(16, 301), registers=620)
+    s.plc.delay = delay
+    chance, last = random.Random(5), {}
+    names = [f"o{i}" for i in range(150)] + [f"p{i}" for i in range(100)] + [f"b{i}" for i in range(16)]
+    s.ioc.connect([*names, *(name + ".SEVR" for name in names)])
+    for _ in range(1000):
+        name = chance.choice(names)
+        last[name] = chance.randrange(2) if name[0] == "b" else chance.randrange(1, 32767)
+        s.ioc.put(name, last[name], wait=False)
+
+    def held(name):
+        n = int(name[1:])
+        if name[0] == "o":
+            return s.holding.unpack(100 + 2 * n, "i")[0]
+        return s.register(302 + 3 * n) if name[0] == "p" else s.register(301) >> n & 1
+    until(lambda: all(held(name) == value for name, value in last.items()),
+          lambda: str([(n, held(n), v) for n, v in last.items() if held(n) != v][:5]))
+    owned = {int(n[1:]) * 2 + k for n in last if n[0] == "o" for k in (0, 1)}
+    owned |= {302 + 3 * int(n[1:]) for n in last if n[0] == "p"} | {301}
+    assert s.written() == owned
+    for name in last:
+        assert s.ioc.severity(name) == "NO_ALARM", s.ioc.alarm(name)
+    # values of 32 bits leave whole
+    assert all(r.start % 2 == 0 for r in s.writes() if r.start < 400)
+    if delay:
+        assert len(s.writes()) < 700
+
+
+def test_long_array(new_station):
+    """an array longer than a request leaves in as few as the limit of 123 registers allows"""
+    s = new_station('record(aao, "$(P)a") { field(DTYP, "S7plc") field(OUT, "@PLC/10") field(FTVL, "SHORT") field(NELM, "350") }')
+    s.ioc.put("a", list(range(1, 351)))
+    until_equal(lambda: s.holding[105:455], list(range(1, 351)))
+    assert len(s.writes()) == 3 and s.written() == set(range(5, 355))
+
+
+def test_bits(new_station):
+    """bits of a register leave by FC22 and touch no other bit, many of them in one request"""
+    s = new_station(bits(16), *OFTEN)
+    s.holding[100] = 0xA000
+    s.ioc.put("b2", 1)
+    s.wait_register(0, 0xA004)
+    s.ioc.put("b15", 0)
+    s.wait_register(0, 0x2004)
+    # the HMI's bit of the same register
+    s.holding[100] |= 0x0100
+    s.ioc.put("b2", 0)
+    s.wait_register(0, 0x2100)
+    assert {r.function for r in s.writes()} == {22}
+    count = len(s.writes())
+    put_together(s, {f"b{i}": 1 for i in range(8)})
+    s.wait_register(0, 0x21FF)
+    assert len(s.writes()) == count + 1
+
+
+def test_single_write(new_station):
+    """singleWrite=on: FC6 for one register, FC16 for more"""
+    s = new_station(words(10), *OFTEN, "singleWrite on")
+    s.ioc.put("o3", 5)
+    s.wait_register(3, 5)
+    put_together(s, {"o4": 6, "o5": 7})
+    s.wait_register(5, 7)
+    assert [(r.function, r.start, r.count) for r in s.writes()] == [(6, 103, 1), (16, 104, 2)]
+
+
+def test_coils(new_modbus, new_ioc):
+    """coils leave by FC15, not more than 1,968 at a time, single ones by FC5 with singleWrite=on"""
+    peer = new_modbus(size=4000)
+    ioc = new_ioc(peer.configure("", "coils 7 3000") + "\ns7plcSetOption PLC singleWrite on", """
+        record(aao, "$(P)a") { field(DTYP, "S7plc") field(OUT, "@PLC/0") field(FTVL, "UCHAR") field(NELM, "375") }
+        record(bo, "$(P)b") { field(DTYP, "S7plc") field(OUT, "@PLC/374 T=BYTE B=7") }
+        """)
+    until(lambda: peer.answers >= 2, "the first read")
+    pattern = random.Random(1).randbytes(375)
+    ioc.put("a", list(pattern))
+    wanted = [bool(byte >> i & 1) for byte in pattern for i in range(8)]
+    until_equal(lambda: [peer.coils[7 + i] for i in range(3000)], wanted)
+    assert [(r.function, r.count) for r in peer.writes()] in ([(15, 1968), (15, 1032)], [(15, 1960), (15, 1040)])
+    ioc.put("b", not wanted[2999])
+    until_equal(lambda: peer.coils[3006], not wanted[2999])
+    assert peer.writes()[-1].key == (5, 3006, 1)
+    assert {r.function for r in peer.since() if not r.writes} == {1}
+
+
+def test_heartbeat_register(new_station):
+    """heartbeatRegister counts up by one, by itself, and touches no other register"""
+    s = new_station(words(2), "heartbeatRegister 50", "heartbeat 30")
+    until(lambda: len(s.writes()) >= 20, "20 heartbeats")
+    s.ioc.put("o0", 3)
+    s.wait_register(0, 3)
+    beats = [r.values[0] for r in s.plc.writes() if r.start == 50]
+    assert all((b - a) % 65536 == 1 for a, b in zip(beats, beats[1:]))
+    assert s.plc.written() == {50, 100}
+
+
+# --- Refusals ------------------------------------------------------------------------------------
+
+def test_one_refused(new_station):
+    """one of 100 neighbours is refused: its record alone is WRITE/INVALID, the others are written"""
+    s = new_station(words(100), *OFTEN)
+    rule = s.plc.refuse((6, 16), 142, code=2)
+    put_together(s, {f"o{i}": 1000 + i for i in range(100)})
+    s.ioc.wait_alarm("o42", "INVALID", "WRITE", "exception 2")
+    until_equal(lambda: [s.register(i) for i in range(100)],
+                [0 if i == 42 else 1000 + i for i in range(100)])
+    assert "illegal data address" in s.ioc.alarm("o42")[2]
+    assert [i for i in range(100) if s.ioc.severity(f"o{i}") != "NO_ALARM"] == [42]
+    # the others go on, it stays refused
+    put_together(s, {"o41": 1, "o43": 3})
+    s.wait_register(43, 3)
+    s.wait_register(41, 1)
+    assert s.ioc.severity("o41") == s.ioc.severity("o43") == "NO_ALARM"
+    assert s.ioc.alarm("o42")[:2] == ("INVALID", "WRITE")
+    # the alarm ends with the next write that the PLC takes
+    s.plc.heal(rule)
+    s.ioc.put("o42", 77)
+    s.wait_register(42, 77)
+    s.ioc.wait_alarm("o42", "NO_ALARM")
+    assert s.plc.connections == 1
+
+
+def test_refused_value(new_station):
+    """a refused 32-bit value: both its registers stay as they were, its neighbours are written"""
+    s = new_station(words(40, kind="INT32", step=2), *OFTEN)
+    s.plc.refuse((6, 16), 100 + 2 * 17 + 1, code=3)
+    put_together(s, {f"o{i}": 0x10001 * (i + 1) for i in range(40)})
+    s.ioc.wait_alarm("o17", "INVALID", "WRITE", "exception 3")
+    until_equal(lambda: [s.holding.unpack(100 + 2 * i, "i")[0] for i in range(40)],
+                [0 if i == 17 else 0x10001 * (i + 1) for i in range(40)])
+    assert [i for i in range(40) if s.ioc.severity(f"o{i}") != "NO_ALARM"] == [17]
+
+
+def test_several_refused(new_station):
+    """registers here and there are refused: just their records say so"""
+    s = new_station(words(123), *OFTEN)
+    wrong = {0, 1, 60, 90, 91, 92, 122}
+    for n in wrong:
+        s.plc.refuse((6, 16), 100 + n, code=4)
+    put_together(s, {f"o{i}": 7 for i in range(123)})
+    until_equal(lambda: {i for i in range(123) if s.ioc.severity(f"o{i}") == "INVALID"}, wrong)
+    until_equal(lambda: {i for i in range(123) if s.register(i) == 7}, set(range(123)) - wrong)
+    assert s.plc.connections == 1
+
+
+def test_refused_bits(new_station):
+    """a refused bit: the record that wrote it is WRITE/INVALID, the others of its register are not"""
+    s = new_station(bits(16) + words(1, first=1), *OFTEN)
+    rule = s.plc.refuse(22, 100, code=2)
+    s.ioc.put("b5", 1)
+    s.ioc.wait_alarm("b5", "INVALID", "WRITE", "exception 2")
+    s.ioc.put("o0", 9)
+    s.wait_register(1, 9)
+    assert [n for n in ("b4", "b6", "b0", "o0") if s.ioc.severity(n) == "INVALID" and
+            s.ioc.alarm(n)[1] == "WRITE"] == []
+    s.ioc.put("b6", 1)
+    s.ioc.wait_alarm("b6", "INVALID", "WRITE")
+    s.plc.heal(rule)
+    s.ioc.put("b6", 1)
+    s.ioc.wait_alarm("b6", "NO_ALARM")
+    assert s.ioc.alarm("b5")[1] == "WRITE"
+    s.ioc.put("b5", 1)
+    s.ioc.wait_alarm("b5", "NO_ALARM")
+    assert s.register(0) == 0x60
+
+
+def test_two_records_on_one_register(new_station):
+    """the alarm is of the bytes: who shares them shows it, who put elsewhere does not"""
+    s = new_station(words(3))
+    rule = s.plc.refuse((6, 16), 101)
+    s.ioc.put("o1", 1)
+    s.ioc.wait_alarm("o1", "INVALID", "WRITE")
+    s.ioc.put("o0", 1)
+    s.ioc.put("o2", 1)
+    s.wait_register(2, 1)
+    assert s.ioc.severity("o0") == s.ioc.severity("o2") == "NO_ALARM"
+    s.plc.heal(rule)
+
+
+REFUSALS = {1: "illegal function", 2: "illegal data address", 3: "illegal data value",
+            4: "device failure", 5: "acknowledge", 6: "device busy", 8: "memory parity",
+            10: "gateway path", 11: "gateway", 77: ""}
+
+
+def test_codes(new_station):
+    """every exception code of a write comes with its number and its words"""
+    s = new_station(words(1))
+    for value, (code, text) in enumerate(REFUSALS.items(), 1):
+        rule = s.plc.refuse((6, 16), 100, code=code)
+        s.ioc.put("o0", value)
+        _, _, message = s.ioc.wait_alarm("o0", "INVALID", "WRITE", f"exception {code}")
+        assert text in message
+        s.plc.heal(rule)
+        s.ioc.put("o0", 100 + value)
+        s.ioc.wait_alarm("o0", "NO_ALARM")
+        s.wait_register(0, 100 + value)
+    assert s.plc.connections == 1
+
+
+def test_no_mask_write(new_station):
+    """a PLC without FC22: a single bit is refused with a hint, whole registers are written"""
+    s = new_station(bits(4) + words(1, first=1))
+    s.plc.without(22)
+    s.ioc.put("b1", 1)
+    _, _, message = s.ioc.wait_alarm("b1", "INVALID", "WRITE")
+    assert "22" in message or "maskWrite" in message or "bit" in message, message
+    s.ioc.wait_log("maskWrite")
+    s.ioc.put("o0", 4)
+    s.wait_register(1, 4)
+    assert s.ioc.severity("o0") == "NO_ALARM"
+    assert s.register(0) == 0 and {r.function for r in s.writes()} == {16, 22}
+
+
+def test_read_modify_write(new_station):
+    """maskWrite=rmw: bits are read and written where the PLC has no FC22, and the other bits stay"""
+    s = new_station(bits(16), "maskWrite rmw")
+    s.plc.without(22)
+    s.holding[100] = 0x8001
+    s.ioc.put("b3", 1)
+    s.wait_register(0, 0x8009)
+    s.holding[100] = 0x4009
+    s.ioc.put("b3", 0)
+    s.wait_register(0, 0x4001)
+    s.ioc.wait_alarm("b3", "NO_ALARM")
+    assert s.plc.connections == 1
+
+
+# --- At connect ------------------------------------------------------------------------------------
+
+def test_read_first(new_station):
+    """at connect the registers are read before anything is written; PINI values without R= are written"""
+    s = new_station(words(10, fields='field(PINI, "YES") field(VAL, "5")') +
+                    words(10, first=20).replace("$(P)o", "$(P)q"), ready=False)
+    s.wait_register(9, 5)
+    first = next(i for i, r in enumerate(s.plc.requests) if r.writes)
+    reads = {a for r in s.plc.requests[:first] for a in r.addresses() if r.function == 3}
+    assert set(range(100, 500)) <= reads
+    assert s.plc.written() == set(range(100, 110))
+    assert {r.function for r in s.plc.writes()} == {16}
+
+
+@pytest.mark.parametrize("how", ["R=", "track=on"])
+def test_bumpless(new_station, how):
+    """{how}: outputs take the PLC's values, whatever PINI says, and nothing is written"""
+    db = words(3, fields='field(PINI, "YES") field(VAL, "5")') + """
+        record(ao, "$(P)real") { field(DTYP, "S7plc") field(OUT, "@PLC/10 T=REAL32 W=low$(R)") field(VAL, "3") field(PINI, "YES") }
+        record(bo, "$(P)bit") { field(DTYP, "S7plc") field(OUT, "@PLC/14 T=WORD B=9$(R)") field(VAL, "0") field(PINI, "YES") }
+        record(stringout, "$(P)text") { field(DTYP, "S7plc") field(OUT, "@PLC/16 L=6$(R)") field(VAL, "old") field(PINI, "YES") }
+        """
+    if how == "R=":
+        for i in range(3):
+            db = db.replace(f'@PLC/{2 * i} T=INT16"', f'@PLC/{2 * i} T=INT16 R={2 * i}"')
+        for at in 10, 14, 16:
+            db = "\n".join(line.replace("$(R)", f" R={at}") if f"@PLC/{at} " in line else line
+                           for line in db.splitlines())
+    s = new_station(db.replace("$(R)", ""), *["track on"] if how != "R=" else [], registers=20, start=False)
+    s.holding.put(100, struct.pack(">hhh", 11, 12, 13))
+    real = struct.pack(">f", 2.5)
+    s.holding.put(105, real[2:] + real[:2])
+    s.holding[107] = 0x0200
+    s.holding.put(108, b"plc\0\0\0")
+    s.start()
+    for name, value in ("o0", 11), ("o1", 12), ("o2", 13), ("real", 2.5), ("bit", 1):
+        s.ioc.wait_value(name, value)
+        s.ioc.wait_alarm(name, "NO_ALARM")
+    until_equal(lambda: s.ioc.text("text"), "plc")
+    assert s.plc.writes() == []
+    s.ioc.put("o1", -7)
+    s.wait_register(1, 65529)
+    assert s.written() == {1}
+
+
+def test_some_follow(new_station):
+    """beside outputs with R= the others keep their own value and write it"""
+    s = new_station("""
+        record(longout, "$(P)own") { field(DTYP, "S7plc") field(OUT, "@PLC/0") field(VAL, "5") field(PINI, "YES") }
+        record(longout, "$(P)plc") { field(DTYP, "S7plc") field(OUT, "@PLC/2 R=2") field(VAL, "6") field(PINI, "YES") }
+        record(longout, "$(P)none") { field(DTYP, "S7plc") field(OUT, "@PLC/4") field(VAL, "7") }
+        """, start=False)
+    s.holding.put(100, struct.pack(">hhh", 101, 102, 103))
+    s.start()
+    s.ioc.wait_value("plc", 102)
+    s.wait_register(0, 5)
+    assert s.ioc.get("own") == 5 and s.ioc.get("none") == 7
+    assert s.plc.written() == {100}
+    assert [s.register(i) for i in range(3)] == [5, 102, 103]
+
+
+def test_track(new_station):
+    """track=on: outputs follow what the HMI writes, and nothing is written because of it"""
+    s = new_station(words(3), *OFTEN, "track on")
+    for value in range(100, 110):
+        s.holding[101] = value
+        s.ioc.wait_value("o1", value)
+    assert s.writes() == []
+    s.ioc.put("o1", 7)
+    s.wait_register(1, 7)
+    s.holding[102] = 9
+    s.ioc.wait_value("o2", 9)
+    assert s.ioc.get("o1") == 7 and s.register(1) == 7
+    assert s.written() == {1}
+
+
+def test_no_track(new_station):
+    """without track an output keeps its value when the HMI changes the register"""
+    s = new_station(words(3), *OFTEN)
+    s.ioc.put("o1", 7)
+    s.wait_register(1, 7)
+    s.holding[101] = 9
+    s.plc.wait_requests(5 * s.first_reads(), function=3)
+    assert s.ioc.get("o1") == 7 and s.register(1) == 9
+    assert s.written() == {1} and len(s.writes()) == 1
+
+
+def test_resend(new_station):
+    """after a PLC restart what was written is sent again where the PLC has something else, and only there"""
+    s = new_station(words(20))
+    for i in range(10):
+        s.ioc.put(f"o{i}", 50 + i)
+    s.wait_register(9, 59)
+    s.plc.power_off()
+    s.ioc.wait_log("Modbus")
+    s.holding[103] = 0       # a value that was lost
+    s.holding[115] = 1       # and one that is none of ours
+    mark = s.plc.mark()
+    s.plc.power_on()
+    s.wait_register(3, 53)
+    s.plc.wait_requests(s.first_reads(), mark, function=3)
+    s.ioc.put("o11", 1)
+    s.wait_register(11, 1)
+    assert {a - 100 for a in s.plc.written(mark)} == {3, 11}
+    assert {r.function for r in s.plc.writes(mark)} == {16}  # whole registers, as they were put
+    assert s.register(15) == 1
+
+
+def test_nothing_to_resend(new_station):
+    """a connection that comes back to a PLC with our values writes nothing"""
+    s = new_station(words(20))
+    s.ioc.put("o4", 44)
+    s.wait_register(4, 44)
+    for count in range(2, 6):
+        mark = s.plc.mark()
+        s.plc.hang_up()
+        s.plc.wait_connected(count)
+        s.plc.wait_requests(s.first_reads(), mark, function=3)
+    assert len(s.writes()) == 1
+    s.ioc.wait_alarm("o4", "NO_ALARM")
+
+
+# --- Away ------------------------------------------------------------------------------------------
+
+def test_modbus_down(new_station):
+    """Modbus down, blocks up: inputs are good, outputs are COMM/INVALID with the reason, and leave on return"""
+    s = new_station(words(4))
+    s.ioc.put("o0", 1)
+    s.wait_register(0, 1)
+    s.plc.power_off()
+    until(lambda: s.ioc.put("o1", 2) or s.ioc.severity("o1") == "INVALID", "an alarm at o1")
+    severity, status, message = s.ioc.alarm("o1")
+    assert status == "COMM" and "PLC" in message, message
+    s.ioc.put("o2", 3)
+    assert s.ioc.alarm("o2")[:2] == ("INVALID", "COMM")
+    s.show(9)
+    s.ioc.wait_value("in", 9)
+    assert s.ioc.severity("in") == "NO_ALARM"
+    s.plc.power_on()
+    s.wait_register(2, 3)
+    s.wait_register(1, 2)
+    for name in "o1", "o2":
+        s.ioc.wait_alarm(name, "NO_ALARM")
+    assert len(s.blocks.connections) == 1
+    assert s.written() == {0, 1, 2}
+
+
+def test_blocks_down(new_station):
+    """blocks down, Modbus up: inputs are COMM/INVALID, outputs are written and acknowledged"""
+    s = new_station(words(4))
+    s.ioc.put("o0", 1)
+    s.wait_register(0, 1)
+    s.blocks.power_off()
+    s.ioc.wait_alarm("in", "INVALID", "COMM")
+    s.ioc.put("o1", 2)
+    s.wait_register(1, 2)
+    s.ioc.wait_alarm("o1", "NO_ALARM")
+    assert s.plc.connections == 1
+    s.blocks.power_on()
+    s.ioc.wait_alarm("in", "NO_ALARM")
+
+
+def test_offline_reject(new_station):
+    """offlineWrites=reject: a put while Modbus is down is refused and never leaves"""
+    s = new_station(words(4), "offlineWrites reject")
+    s.ioc.put("o0", 1)
+    s.wait_register(0, 1)
+    s.plc.power_off()
+    s.ioc.wait_log("Modbus")
+    until(lambda: s.ioc.put("o1", 99) or s.ioc.alarm("o1")[:2] == ("INVALID", "WRITE"), "a refusal")
+    mark = s.plc.mark()
+    s.ioc.put("o2", 98)
+    assert s.ioc.alarm("o2")[:2] == ("INVALID", "WRITE")
+    s.plc.power_on()
+    s.plc.wait_requests(s.first_reads(), mark, function=3)
+    until(lambda: s.ioc.put("o3", 3) or s.ioc.severity("o3") == "NO_ALARM", "a put that is taken")
+    s.wait_register(3, 3)
+    assert 2 not in {a - 100 for a in s.plc.written(mark)} and s.register(2) == 0
+
+
+def test_timeout(new_station):
+    """no answer to a write: WRITE/INVALID on what was under way, a new connection, and it is sent again"""
+    s = new_station(words(10), "requestTimeout 200", "readPeriod 0")
+    s.ioc.put("o0", 1)
+    s.wait_register(0, 1)
+    s.plc.silent = True
+    s.ioc.put("o5", 55)
+    s.ioc.wait_alarm("o5", "INVALID", "WRITE", "no answer for 200 ms")
+    assert s.ioc.severity("o0") == "NO_ALARM"
+    assert s.ioc.get("in") == 5 and s.ioc.severity("in") == "NO_ALARM"
+    s.plc.wait_connected(2)
+    s.plc.silent = False
+    s.wait_register(5, 55)
+    s.ioc.wait_alarm("o5", "NO_ALARM")
+    assert s.written() == {0, 5}
+
+
+def test_nothing_waits(new_station):
+    """while a write has no answer puts, gets, reports and exit go on"""
+    s = new_station(words(10), "requestTimeout 60000")
+    s.plc.silent = True
+    begin = time.monotonic()
+    for value in range(1, 51):
+        s.ioc.put("o5", value)
+        s.ioc.put("o6", value)
+        assert s.ioc.get("o5") == value
+    for command in ("dbior s7plc 3", "s7plcReport PLC 2", "s7plcShow PLC", f"dbpr {s.ioc.P}o5 4"):
+        assert s.ioc.command(command)
+    assert s.plc.connections == 1 and "no answer" not in s.ioc.log
+    assert s.ioc.exit() == 0
+    assert time.monotonic() - begin < 30  # s; the PLC has 60 to answer
+
+
+def test_black_hole(new_peer, new_ioc, black_hole):
+    """the Modbus port swallows every packet: blocks come, outputs say why they cannot leave"""
+    blocks = new_peer(8, 20)
+    ioc = new_ioc(blocks.configure(recv_timeout=20000) +
+                  f'\ns7plcModbusOutput("PLC", "127.0.0.1", {black_hole.port}, 1, 0)', IN + words(2))
+    blocks.wait_connected()
+    blocks.every(0.05, b"\0\5" + bytes(6))
+    ioc.wait_value("in", 5)
+    ioc.wait_log("does not answer")
+    ioc.put("o0", 1)
+    ioc.wait_alarm("o0", "INVALID", "COMM")
+    assert ioc.severity("in") == "NO_ALARM"
+    assert ioc.exit() == 0
+
+
+# --- What users type -------------------------------------------------------------------------------
+
+GOOD = 's7plcConfigure("PLC", "127.0.0.1", {block}, 8, 20, 1, 20000, 100)'
+WRONG = {
+    "sync=on": (GOOD, "s7plcSetOption PLC sync on\n" 's7plcModbusOutput("PLC", "", {port}, 1, 0)'),
+    "sync=on behind it": (GOOD, 's7plcModbusOutput("PLC", "", {port}, 1, 0)\n' "s7plcSetOption PLC sync on"),
+    "a PLC that is not there": (GOOD, 's7plcModbusOutput("NOPLC", "", {port}, 1, 0)'),
+    "no arguments": (GOOD, "s7plcModbusOutput"),
+
+    "port 70000": (GOOD, 's7plcModbusOutput("PLC", "", 70000, 1, 0)'),
+    "unit 300": (GOOD, 's7plcModbusOutput("PLC", "", {port}, 300, 0)'),
+    "register 70000": (GOOD, 's7plcModbusOutput("PLC", "", {port}, 1, 70000)'),
+    "registers beyond 65535": (GOOD, 's7plcModbusOutput("PLC", "", {port}, 1, 65530)'),
+    "a second time": (GOOD + '\ns7plcModbusOutput("PLC", "", {port}, 1, 0)', 's7plcModbusOutput("PLC", "", {port}, 1, 0)'),
+    "an odd outSize": (GOOD.replace("20,", "21,"), 's7plcModbusOutput("PLC", "", {port}, 1, 0)'),
+    "no output block": (GOOD.replace("20,", "0,"), 's7plcModbusOutput("PLC", "", {port}, 1, 0)'),
+    "a PLC that is all Modbus": ('modbusplcConfigure("PLC", "127.0.0.1", {port}, 1, "holding 0 4", "holding 0 10")', 's7plcModbusOutput("PLC", "", {port}, 1, 0)'),
+}
+
+
+@pytest.mark.parametrize("good, wrong", WRONG.values(), ids=WRONG.keys())
+def test_wrong(new_peer, new_modbus, new_ioc, good, wrong):
+    """s7plcModbusOutput with {id}: refused in one line, the IOC and the PLC's input go on"""
+    blocks, plc = new_peer(8, 20), new_modbus()
+    good, wrong = (text.replace("{block}", str(blocks.port)).replace("{port}", str(plc.port))
+                   for text in (good, wrong))
+    ioc = new_ioc(f"{good}\n{wrong}", IN)
+    errors = [line for line in ioc.log.splitlines() if "s7plcModbusOutput" in line or "option sync" in line]
+    errors = [line for line in errors if line not in (good + "\n" + wrong).splitlines()]
+    assert len(errors) == 1, ioc.log
+    if "modbusplc" not in good:
+        blocks.wait_connected()
+        blocks.every(0.05, b"\0\5" + bytes(6))
+        ioc.wait_value("in", 5)
+
+
+def test_pair_refused(new_peer, new_modbus, new_ioc):
+    """s7plcModbusOutput on a redundant pair is refused in one line"""
+    plc = new_modbus()
+    ioc = new_ioc('phoenixplcConfigure("PLC", "127.0.0.1", 2000, 8, 20, 1, 2000, 100, 1)\n'
+                  f's7plcModbusOutput("PLC", "127.0.0.1", {plc.port}, 1, 0)', IN, program="phoenixIoc")
+    errors = [line for line in errors_in(ioc.log) if "s7plcModbusOutput" in line]
+    assert len(errors) == 1 and "pair" in errors[0], ioc.log
+
+
+def test_own_address(new_peer, new_modbus, new_ioc):
+    """an address of its own for Modbus, and unit and report"""
+    blocks, plc = new_peer(8, 20), new_modbus(unit=255)
+    ioc = new_ioc(blocks.configure(recv_timeout=20000).replace("127.0.0.1", "localhost") +
+                  f'\ns7plcModbusOutput("PLC", "127.0.0.1", {plc.port}, 255, 7)', IN + words(2))
+    blocks.wait_connected()
+    blocks.every(0.05, b"\0\5" + bytes(6))
+    ioc.put("o1", 3)
+    until_equal(lambda: plc.holding[8], 3)
+    for command in "s7plcReport PLC 1", "dbior s7plc 1":
+        report = ioc.command(command)
+        assert "Modbus" in report and f"127.0.0.1:{plc.port}" in report and "unit 255" in report, report
+        assert "holding 7 to 16" in report, report
+    assert f"{ioc.P}o1" in ioc.command("s7plcShow PLC out")
+
+
+# --- plcSim: blocks and Modbus on one memory --------------------------------------------------------
+
+SIM = """
+in = 64
+out = 64
+period = 20 ms
+modbus_port = 0
+db 10 400 Set
+tx P#DB10.DBX0.0 BYTE 32 -> 0
+signal 40 UINT32 counter
+modbus holding 100 200 -> DB10.0
+"""
+
+
+@pytest.fixture
+def sim_station(new_sim, new_ioc):
+    """plcSim, and an IOC that reads its blocks and writes its registers; DB10 begins both."""
+    def make(db, *options):
+        sim = new_sim(SIM)
+        ioc = new_ioc(f's7plcConfigure("PLC", "127.0.0.1", {sim.port}, 64, 64, 1, 2000, 100)\n'
+                      f's7plcModbusOutput("PLC", "", {sim.modbus_port}, 1, 100)' +
+                      "".join(f"\ns7plcSetOption PLC {option}" for option in options), db)
+        ioc.wait_alarm("count", "NO_ALARM")
+        return sim, ioc
+    return make
+
+
+SIM_DB = """
+record(longin, "$(P)count") { field(DTYP, "S7plc") field(INP, "@PLC/40 T=INT32") field(SCAN, "I/O Intr") }
+record(ao, "$(P)real") { field(DTYP, "S7plc") field(OUT, "@PLC/4 T=REAL32") field(PREC, "3") }
+record(ai, "$(P)real:RBV") { field(DTYP, "S7plc") field(INP, "@PLC/4 T=REAL32") field(SCAN, "I/O Intr") }
+record(longout, "$(P)word") { field(DTYP, "S7plc") field(OUT, "@PLC/8 T=INT16") }
+record(longin, "$(P)word:RBV") { field(DTYP, "S7plc") field(INP, "@PLC/8 T=INT16") field(SCAN, "I/O Intr") }
+record(bo, "$(P)bit") { field(DTYP, "S7plc") field(OUT, "@PLC/10 T=WORD B=5") }
+record(bi, "$(P)bit:RBV") { field(DTYP, "S7plc") field(INP, "@PLC/10 T=WORD B=5") field(SCAN, "I/O Intr") }
+"""
+
+
+def test_sim_round_trip(sim_station):
+    """plcSim: what a put writes by Modbus comes back in the block, bits beside other bits"""
+    sim, ioc = sim_station(SIM_DB)
+    sim.command("set DB10.DBW10 0x4100")
+    for i in range(10):
+        ioc.put("real", 1.5 * i)
+        ioc.put("word", -i)
+        ioc.put("bit", i % 2)
+        ioc.wait_value("real:RBV", 1.5 * i)
+        ioc.wait_value("word:RBV", -i)
+        ioc.wait_value("bit:RBV", i % 2)
+    assert sim.command("get DB10.DBW10").split()[-1] in ("16672", "0x4120", "16#4120")
+    assert {ioc.severity(name) for name in ("real", "word", "bit")} == {"NO_ALARM"}
+    assert "ex2=0" in sim.command("modbus")
+
+
+def test_sim_operator(sim_station):
+    """plcSim with track=on: what the operator sets at the PLC is shown by the output records"""
+    sim, ioc = sim_station(SIM_DB, "track on", "readPeriod 50")
+    sim.command("set DB10.DBW8 77")
+    ioc.wait_value("word", 77)
+    ioc.put("word", 78)
+    ioc.wait_value("word:RBV", 78)
+    sim.command("set DB10.DBW8 79")
+    ioc.wait_value("word", 79)
+    assert ioc.severity("word") == "NO_ALARM"
+
+
+SIM_FAULTS = {
+    "modbus exception 4 write": ("WRITE", "exception 4"),
+    "modbus busy": ("WRITE", "exception 6"),
+    "modbus silent write": ("WRITE", "no answer for 200 ms"),
+    "modbus wrongunit write": (None, ""),
+    "modbus wrongid write": (None, ""),
+    "modbus short 9 write": ("WRITE", "not complete after 200 ms"),
+    "modbus short 3 close write": (None, ""),
+    "modbus close reply write": (None, ""),
+    "modbus garbage 20 write": (None, ""),
+}
+
+
+def test_sim_faults(sim_station):
+    """plcSim's Modbus faults: the record that put says so, blocks go on, and the value arrives in the end"""
+    sim, ioc = sim_station(SIM_DB, "requestTimeout 200", "readPeriod 0")
+    for value, (fault, (status, message)) in enumerate(SIM_FAULTS.items(), 1):
+        sim.command(fault)
+        ioc.put("word", value)
+        ioc.wait_alarm("word", "INVALID", *[status, message] if status else [])
+        assert ioc.severity("count") == "NO_ALARM", fault
+        sim.command("modbus normal")
+        if message.startswith("exception"):
+            ioc.put("word", value)  # what was refused is not sent again by itself
+        ioc.wait_value("word:RBV", value)
+        ioc.wait_alarm("word", "NO_ALARM")
+
+
+def test_sim_refuses_one(sim_station):
+    """plcSim refuses one register, and can be read all the same"""
+    sim, ioc = sim_station(SIM_DB)
+    sim.command("modbus exception 2 holding 104 write")
+    ioc.put("word", 5)
+    ioc.put("real", 2.5)
+    ioc.wait_alarm("word", "INVALID", "WRITE", "exception 2, illegal data address")
+    ioc.wait_value("real:RBV", 2.5)
+    assert ioc.severity("real") == "NO_ALARM" and ioc.get("word:RBV") == 0
+
+
+def test_sim_restart(sim_station):
+    """plcSim restarts: blocks and Modbus are back by themselves, and so is what was put meanwhile"""
+    sim, ioc = sim_station(SIM_DB)
+    ioc.put("word", 5)
+    ioc.wait_value("word:RBV", 5)
+    sim.command("restart 300")
+    ioc.wait_alarm("count", "INVALID", "COMM")
+    ioc.put("real", 6.5)
+    ioc.wait_alarm("count", "NO_ALARM")
+    ioc.wait_value("real:RBV", 6.5)
+    ioc.wait_alarm("real", "NO_ALARM")
+
+
+def test_sim_whole_plc(new_sim, new_ioc):
+    """plcSim by Modbus alone: signals, bits and setpoints"""
+    sim = new_sim("""
+        in = 64
+        period = 20 ms
+        modbus_port = 0
+        modbus_unit = 3
+        db 10 400 Set
+        signal 0 REAL32 sine -5 5 20s
+        signal 4 UINT16 counter
+        modbus input 0 32 -> in.0
+        modbus holding 0 100 -> DB10.0
+        modbus coils 0 64 -> DB10.50
+        modbus discrete 7 16 -> in.4
+        """)
+    ioc = new_ioc(f'modbusplcConfigure("PLC", "127.0.0.1", {sim.modbus_port}, 3, '
+                  '"input 0 10 every 20, holding 0 10 every 20, coils 0 16, discrete 7 16", "holding 0 10, coils 0 16")', """
+        record(longin, "$(P)count") { field(DTYP, "S7plc") field(INP, "@PLC/4 T=UINT16") field(SCAN, "I/O Intr") }
+        record(ai, "$(P)set:RBV") { field(DTYP, "S7plc") field(INP, "@PLC/20 T=REAL64") field(SCAN, "I/O Intr") }
+        record(ao, "$(P)set") { field(DTYP, "S7plc") field(OUT, "@PLC/0 T=REAL64") }
+        record(bi, "$(P)coil:RBV") { field(DTYP, "S7plc") field(INP, "@PLC/41 T=BYTE B=2") field(SCAN, "I/O Intr") }
+        record(bo, "$(P)coil") { field(DTYP, "S7plc") field(OUT, "@PLC/21 T=BYTE B=2") }
+        """)
+    first = ioc.get("count")
+    until(lambda: ioc.get("count") != first, "a counter that counts")
+    ioc.put("set", 1e100)
+    ioc.wait_value("set:RBV", 1e100)
+    for value in 1, 0:
+        ioc.put("coil", value)
+        ioc.wait_value("coil:RBV", value)
+    assert "other_unit=0" in sim.command("modbus")
