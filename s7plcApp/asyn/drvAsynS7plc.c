@@ -16,8 +16,10 @@ int drvAsynS7plcConfigure(const char *port, const char *PLCname, const char *ini
 
     if (initialWait && initialWait[0] &&
         (epicsParseDouble(initialWait, &wait, NULL) || !(wait >= 0 && wait <= 60000))) {
-        errlogSevPrintf(errlogMajor, "drvAsynS7plcConfigure %s: initialWait=%s; allowed: 0 "
-                        "to 60000 ms\n", port ? port : "", initialWait);
+        errlogSevPrintf(errlogMajor,
+                        "drvAsynS7plcConfigure %s: initialWait=%s; allowed: 0 "
+                        "to 60000 ms\n",
+                        port ? port : "", initialWait);
         return -1;
     }
     return plcAsynPortCreate(port ? port : "", PLCname ? PLCname : "", wait);
@@ -31,7 +33,8 @@ static const iocshFuncDef configureDef = {
     "drvAsynS7plcConfigure", 3, args
 #ifdef IOCSHFUNCDEF_HAS_USAGE
     ,
-    "Makes an asyn port of a PLC that is configured. initialWait: how long iocInit may wait\n"
+    "Makes an asyn port of a PLC that is configured. initialWait: how long iocInit may "
+    "wait\n"
     "for the first block, for outputs whose initial value the PLC shows (default 0).\n"
     "  drvAsynS7plcConfigure PLC-A-asyn,PLC-A\n"
 #endif

@@ -1,4 +1,5 @@
-/* The interfaces of a port that move values: reads and writes, in the thread of the caller.
+/* The interfaces of a port that move values: reads and writes, in the thread of the
+ * caller.
  *
  * They copy bytes out of the input image and into the output image, and never wait; but
  * during iocInit, for the first block. */
@@ -29,7 +30,8 @@
 
 #define ALL_BITS 0xFFFFFFFFu
 
-asynStatus plcAsynFail(asynUser *user, asynStatus status, int alarm, const char *format, ...)
+asynStatus plcAsynFail(asynUser *user, asynStatus status, int alarm, const char *format,
+                       ...)
 {
     va_list args;
 
@@ -47,7 +49,7 @@ static void clearAlarm(asynUser *user)
     user->auxStatus = asynSuccess;
 }
 
-/* --- Reading --------------------------------------------------------------------------- */
+/* --- Reading --------------------------------------------------------------------- */
 
 /* There is no valid data: why. */
 static asynStatus noData(plcAsynPort *port, asynUser *user)
@@ -60,8 +62,8 @@ static asynStatus noData(plcAsynPort *port, asynUser *user)
                        "%s: %s", port->name, reason);
 }
 
-static asynStatus readInput(plcAsynPort *port, asynUser *user, size_t offset, size_t length,
-                            void *bytes)
+static asynStatus readInput(plcAsynPort *port, asynUser *user, size_t offset,
+                            size_t length, void *bytes)
 {
     plcFaults *faults = plcStationInFaults(port->station);
     char reason[PLC_REASON_SIZE];
@@ -84,8 +86,8 @@ static int isZero(const char *bytes, size_t length)
     return 1;
 }
 
-/* What an output holds: where the PLC shows it, the value that the PLC shows; else what was
- * written. Zeros that nobody has written are no value. */
+/* What an output holds: where the PLC shows it, the value that the PLC shows; else what
+ * was written. Zeros that nobody has written are no value. */
 static asynStatus readOutput(plcAsynPort *port, asynUser *user, const plcAsynView *view,
                              size_t length, void *bytes)
 {
@@ -111,8 +113,8 @@ static asynStatus readBytes(plcAsynPort *port, asynUser *user, const plcAsynView
     asynPrint(user, ASYN_TRACE_FLOW, "%s read %s \"%s\"\n", port->name,
               plcAsynFaceName(view->face), view->place->text);
     if (epicsAtomicGetIntT(&port->off))
-        return plcAsynFail(user, asynDisconnected, COMM_ALARM, "%s: disconnected by a user",
-                           port->name);
+        return plcAsynFail(user, asynDisconnected, COMM_ALARM,
+                           "%s: disconnected by a user", port->name);
     if (view->place->output) {
         plcAsynWaitFirst(port, view);
         return readOutput(port, user, view, length, bytes);
@@ -120,27 +122,31 @@ static asynStatus readBytes(plcAsynPort *port, asynUser *user, const plcAsynView
     return readInput(port, user, view->offset, length, bytes);
 }
 
-/* --- Writing --------------------------------------------------------------------------- */
+/* --- Writing --------------------------------------------------------------------- */
 
 /* Puts bytes into the output image, only the bits in mask (NULL: all). */
 static asynStatus writeBytes(plcAsynPort *port, asynUser *user, plcAsynView *view,
-                             size_t length, const epicsUInt8 *bytes, const epicsUInt8 *mask)
+                             size_t length, const epicsUInt8 *bytes,
+                             const epicsUInt8 *mask)
 {
     char reason[PLC_REASON_SIZE];
     int status;
 
-    asynPrintIO(user, ASYN_TRACE_FLOW, (const char *)bytes, length, "%s write %s \"%s\"\n",
-                port->name, plcAsynFaceName(view->face), view->place->text);
+    asynPrintIO(user, ASYN_TRACE_FLOW, (const char *)bytes, length,
+                "%s write %s \"%s\"\n", port->name, plcAsynFaceName(view->face),
+                view->place->text);
     if (epicsAtomicGetIntT(&port->off))
-        return plcAsynFail(user, asynDisconnected, COMM_ALARM, "%s: disconnected by a user",
-                           port->name);
+        return plcAsynFail(user, asynDisconnected, COMM_ALARM,
+                           "%s: disconnected by a user", port->name);
     plcAsynWriteBegins(port, view, user);
     status = (view->follows ? plcStationWriteFollower : plcStationWrite)(
         port->station, view->offset, length, bytes, mask, reason);
     if (!status && !reason[0] && view->follows && !plcStationTaken(port->station))
         epicsSnprintf(reason, sizeof(reason), "waiting for the PLC's value");
     plcAsynWriteEnds(port, view, user, bytes, mask, length,
-                     status ? -1 : reason[0] ? 1 : 0);
+                     status      ? -1
+                     : reason[0] ? 1
+                                 : 0);
     if (status)
         return plcAsynFail(user, asynError, WRITE_ALARM, "%s: refused: %s", port->name,
                            reason);
@@ -167,7 +173,7 @@ static plcAsynView *outputOf(plcAsynPort *port, asynUser *user, plcAsynFace face
     return NULL;
 }
 
-/* --- asynInt32, asynInt64, asynUInt32Digital, asynFloat64 ------------------------------- */
+/* --- asynInt32, asynInt64, asynUInt32Digital, asynFloat64 ------------------------ */
 
 static asynStatus readInt(plcAsynPort *port, asynUser *user, plcAsynFace face,
                           epicsInt64 *value)
@@ -205,7 +211,8 @@ static asynStatus writeInt(plcAsynPort *port, asynUser *user, plcAsynFace face,
     return writeBytes(port, user, view, view->length, bytes, mask);
 }
 
-/* L and H, for LINR=LINEAR; 0 and 0, which leave the scale alone, where they do not fit. */
+/* L and H, for LINR=LINEAR; 0 and 0, which leave the scale alone, where they do not fit.
+ */
 static asynStatus boundsOf(plcAsynPort *port, asynUser *user, plcAsynFace face,
                            epicsInt64 limit, epicsInt64 *low, epicsInt64 *high)
 {
@@ -236,7 +243,8 @@ static asynStatus writeInt32(void *pvt, asynUser *user, epicsInt32 value)
     return writeInt(pvt, user, plcAsynInt32, value, ALL_BITS);
 }
 
-static asynStatus boundsInt32(void *pvt, asynUser *user, epicsInt32 *low, epicsInt32 *high)
+static asynStatus boundsInt32(void *pvt, asynUser *user, epicsInt32 *low,
+                              epicsInt32 *high)
 {
     epicsInt64 low64, high64;
     asynStatus status = boundsOf(pvt, user, plcAsynInt32, 0x7FFFFFFF, &low64, &high64);
@@ -249,8 +257,8 @@ static asynStatus boundsInt32(void *pvt, asynUser *user, epicsInt32 *low, epicsI
 static asynStatus joinInt32(void *pvt, asynUser *user, interruptCallbackInt32 callback,
                             void *userPvt, void **registrar)
 {
-    return plcAsynJoin(pvt, user, plcAsynInt32, ALL_BITS, (plcAsynCallback)callback, userPvt,
-                       registrar);
+    return plcAsynJoin(pvt, user, plcAsynInt32, ALL_BITS, (plcAsynCallback)callback,
+                       userPvt, registrar);
 }
 
 static asynStatus leave(void *pvt, asynUser *user, void *registrar)
@@ -277,7 +285,8 @@ static asynStatus writeInt64(void *pvt, asynUser *user, epicsInt64 value)
     return writeInt(pvt, user, plcAsynInt64, value, ALL_BITS);
 }
 
-static asynStatus boundsInt64(void *pvt, asynUser *user, epicsInt64 *low, epicsInt64 *high)
+static asynStatus boundsInt64(void *pvt, asynUser *user, epicsInt64 *low,
+                              epicsInt64 *high)
 {
     return boundsOf(pvt, user, plcAsynInt64, 0x7FFFFFFFFFFFFFFFLL, low, high);
 }
@@ -285,8 +294,8 @@ static asynStatus boundsInt64(void *pvt, asynUser *user, epicsInt64 *low, epicsI
 static asynStatus joinInt64(void *pvt, asynUser *user, interruptCallbackInt64 callback,
                             void *userPvt, void **registrar)
 {
-    return plcAsynJoin(pvt, user, plcAsynInt64, ALL_BITS, (plcAsynCallback)callback, userPvt,
-                       registrar);
+    return plcAsynJoin(pvt, user, plcAsynInt64, ALL_BITS, (plcAsynCallback)callback,
+                       userPvt, registrar);
 }
 
 static asynInt64 int64Face = {writeInt64, readInt64, boundsInt64, joinInt64, leave};
@@ -338,13 +347,13 @@ static asynUInt32Digital digitalFace = {
 
 static void callDigital(plcAsynUser *u, const void *bytes)
 {
-    epicsUInt32 mask = u->mask ? (epicsUInt32)plcGetInt(u->view->type, u->maskBytes,
-                                                        u->view->order)
-                               : ALL_BITS;
+    epicsUInt32 mask =
+        u->mask ? (epicsUInt32)plcGetInt(u->view->type, u->maskBytes, u->view->order)
+                : ALL_BITS;
     epicsUInt32 value = (epicsUInt32)plcAsynGetInt(u->view, bytes);
 
-    ((interruptCallbackUInt32Digital)u->callback)(u->userPvt, u->own,
-                                                  u->view->bit < 0 ? value & mask : value);
+    ((interruptCallbackUInt32Digital)u->callback)(
+        u->userPvt, u->own, u->view->bit < 0 ? value & mask : value);
 }
 
 static asynStatus readFloat64(void *pvt, asynUser *user, epicsFloat64 *value)
@@ -376,8 +385,9 @@ static asynStatus writeFloat64(void *pvt, asynUser *user, epicsFloat64 value)
                       view->bit < 0 ? NULL : view->mask);
 }
 
-static asynStatus joinFloat64(void *pvt, asynUser *user, interruptCallbackFloat64 callback,
-                              void *userPvt, void **registrar)
+static asynStatus joinFloat64(void *pvt, asynUser *user,
+                              interruptCallbackFloat64 callback, void *userPvt,
+                              void **registrar)
 {
     return plcAsynJoin(pvt, user, plcAsynFloat64, ALL_BITS, (plcAsynCallback)callback,
                        userPvt, registrar);
@@ -391,10 +401,10 @@ static void callFloat64(plcAsynUser *u, const void *bytes)
                                             plcAsynGetReal(u->view, bytes));
 }
 
-/* --- asynOctet -------------------------------------------------------------------------- */
+/* --- asynOctet ------------------------------------------------------------------- */
 
-static asynStatus readOctet(void *pvt, asynUser *user, char *data, size_t max, size_t *got,
-                            int *reason)
+static asynStatus readOctet(void *pvt, asynUser *user, char *data, size_t max,
+                            size_t *got, int *reason)
 {
     plcAsynView *view = plcAsynViewOf(pvt, user, plcAsynOctet);
     asynStatus status;
@@ -426,8 +436,8 @@ static asynStatus writeOctet(void *pvt, asynUser *user, const char *data, size_t
         return asynError;
     if (view->open)
         return plcAsynFail(user, asynError, WRITE_ALARM,
-                           "%s \"%s\": L= (length) is needed to write a string", port->name,
-                           view->place->text);
+                           "%s \"%s\": L= (length) is needed to write a string",
+                           port->name, view->place->text);
     bytes = mallocMustSucceed(view->length + 1, "s7plcAsyn");
     plcAsynPutText(view, data, length, bytes);
     status = writeBytes(port, user, view, view->length, bytes, NULL);
@@ -447,8 +457,8 @@ static asynStatus flushOctet(void *pvt, asynUser *user)
 static asynStatus joinOctet(void *pvt, asynUser *user, interruptCallbackOctet callback,
                             void *userPvt, void **registrar)
 {
-    return plcAsynJoin(pvt, user, plcAsynOctet, ALL_BITS, (plcAsynCallback)callback, userPvt,
-                       registrar);
+    return plcAsynJoin(pvt, user, plcAsynOctet, ALL_BITS, (plcAsynCallback)callback,
+                       userPvt, registrar);
 }
 
 static asynOctet octetFace = {
@@ -469,7 +479,7 @@ static void callOctet(plcAsynUser *u, const void *bytes)
     free(text);
 }
 
-/* --- Arrays ------------------------------------------------------------------------------ */
+/* --- Arrays ---------------------------------------------------------------------- */
 
 static asynStatus readArray(plcAsynPort *port, asynUser *user, plcAsynFace face,
                             void *values, size_t max, size_t *got)
@@ -517,36 +527,38 @@ static asynStatus writeArray(plcAsynPort *port, asynUser *user, plcAsynFace face
     return status;
 }
 
-/* What the functions of the array interfaces differ in is the type of their elements, which
- * asyn has in their signatures. */
-#define ARRAY_FACE(NAME, TYPE)                                                             \
-    static asynStatus read##NAME(void *pvt, asynUser *user, TYPE *value, size_t max,       \
-                                 size_t *got)                                              \
-    {                                                                                      \
-        return readArray(pvt, user, plcAsyn##NAME, value, max, got);                       \
-    }                                                                                      \
-    static asynStatus write##NAME(void *pvt, asynUser *user, TYPE *value, size_t n)        \
-    {                                                                                      \
-        return writeArray(pvt, user, plcAsyn##NAME, value, n);                             \
-    }                                                                                      \
-    static asynStatus join##NAME(void *pvt, asynUser *user,                                \
-                                 interruptCallback##NAME callback, void *userPvt,          \
-                                 void **registrar)                                         \
-    {                                                                                      \
-        return plcAsynJoin(pvt, user, plcAsyn##NAME, ALL_BITS, (plcAsynCallback)callback,  \
-                           userPvt, registrar);                                            \
-    }                                                                                      \
-    static void call##NAME(plcAsynUser *u, const void *bytes)                              \
-    {                                                                                      \
-        size_t n = u->view->length / u->view->type->size;                                  \
-        TYPE *values = mallocMustSucceed(u->view->length + 1, "s7plcAsyn");                \
-                                                                                           \
-        plcAsynGetArray(u->view, bytes, values, n);                                        \
-        ((interruptCallback##NAME)u->callback)(u->userPvt, u->own, values, n);             \
-        free(values);                                                                      \
-    }                                                                                      \
+/* clang-format off */
+/* What the functions of the array interfaces differ in is the type of their elements,
+ * which asyn has in their signatures. */
+#define ARRAY_FACE(NAME, TYPE)                                                        \
+    static asynStatus read##NAME(void *pvt, asynUser *user, TYPE *value, size_t max,  \
+                                 size_t *got)                                         \
+    {                                                                                 \
+        return readArray(pvt, user, plcAsyn##NAME, value, max, got);                  \
+    }                                                                                 \
+    static asynStatus write##NAME(void *pvt, asynUser *user, TYPE *value, size_t n)   \
+    {                                                                                 \
+        return writeArray(pvt, user, plcAsyn##NAME, value, n);                        \
+    }                                                                                 \
+    static asynStatus join##NAME(void *pvt, asynUser *user,                           \
+                                 interruptCallback##NAME callback, void *userPvt,     \
+                                 void **registrar)                                    \
+    {                                                                                 \
+        return plcAsynJoin(pvt, user, plcAsyn##NAME, ALL_BITS, (plcAsynCallback)callback,\
+                           userPvt, registrar);                                       \
+    }                                                                                 \
+    static void call##NAME(plcAsynUser *u, const void *bytes)                         \
+    {                                                                                 \
+        size_t n = u->view->length / u->view->type->size;                             \
+        TYPE *values = mallocMustSucceed(u->view->length + 1, "s7plcAsyn");           \
+                                                                                      \
+        plcAsynGetArray(u->view, bytes, values, n);                                   \
+        ((interruptCallback##NAME)u->callback)(u->userPvt, u->own, values, n);        \
+        free(values);                                                                 \
+    }                                                                                 \
     static asyn##NAME face##NAME = {write##NAME, read##NAME, join##NAME, leave};
 
+/* clang-format on */
 ARRAY_FACE(Int8Array, epicsInt8)
 ARRAY_FACE(Int16Array, epicsInt16)
 ARRAY_FACE(Int32Array, epicsInt32)
@@ -556,7 +568,7 @@ ARRAY_FACE(Int64Array, epicsInt64)
 ARRAY_FACE(Float32Array, epicsFloat32)
 ARRAY_FACE(Float64Array, epicsFloat64)
 
-/* --- All of them ------------------------------------------------------------------------- */
+/* --- All of them ----------------------------------------------------------------- */
 
 /* asynOctet has more arguments than the others. */
 static asynStatus beginOctet(const char *portName, asynInterface *face)
@@ -569,6 +581,7 @@ static const struct {
     void *methods;
     void (*call)(plcAsynUser *user, const void *bytes);
 } faces[plcAsynFaces] = {
+    /* clang-format off */
     [plcAsynInt32] = {asynInt32Type, &int32Face, callInt32},
     [plcAsynUInt32Digital] = {asynUInt32DigitalType, &digitalFace, callDigital},
     [plcAsynFloat64] = {asynFloat64Type, &float64Face, callFloat64},
@@ -582,6 +595,7 @@ static const struct {
     [plcAsynInt64] = {asynInt64Type, &int64Face, callInt64},
     [plcAsynInt64Array] = {asynInt64ArrayType, &faceInt64Array, callInt64Array},
 #endif
+    /* clang-format on */
 };
 
 void plcAsynCall(plcAsynUser *user, const void *bytes)

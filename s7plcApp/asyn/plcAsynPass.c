@@ -1,8 +1,8 @@
 /* Callbacks of a port: the thread that tells each block to those who registered.
  *
- * Device support of asyn queues a callback for each record, and its queue has an end. So a
- * pass goes in portions, and waits behind each until the callback queues have worked it off.
- * Blocks that come meanwhile replace each other: records get the newest.
+ * Device support of asyn queues a callback for each record, and its queue has an end. So
+ * a pass goes in portions, and waits behind each until the callback queues have worked it
+ * off. Blocks that come meanwhile replace each other: records get the newest.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -14,13 +14,13 @@
 
 #include "plcAsynPort.h"
 
-#define PORTION 300 /* callbacks before the queues are looked at; their default size is 2000 */
+#define PORTION 300     /* callbacks before the queues are looked at */
 #define CANCEL_WAIT 1.0 /* s; see plcAsynLeave */
 #define NEVER ((epicsUInt64) - 1)
-#define SETTLE_NS 100000000u /* see isSettled */
+#define SETTLE_NS 100000000u    /* see isSettled */
 #define PATIENCE_NS 1000000000u /* beyond sendInterval, until the PLC shows a write */
 
-/* --- In the station's thread: word is left, the port's thread woken ----------------------- */
+/* --- In the station's thread: word is left, the port's thread woken -------------- */
 
 static void received(void *pvt, const void *block)
 {
@@ -75,7 +75,7 @@ static void changed(void *pvt)
 
 const plcListener plcAsynListener = {received, delivered, sent, changed};
 
-/* --- Who is called back -------------------------------------------------------------------- */
+/* --- Who is called back ---------------------------------------------------------- */
 
 static void makeMask(plcAsynUser *u, epicsUInt32 mask)
 {
@@ -90,8 +90,9 @@ static void makeMask(plcAsynUser *u, epicsUInt32 mask)
     u->mask = u->maskBytes;
 }
 
-asynStatus plcAsynJoin(plcAsynPort *port, asynUser *user, plcAsynFace face, epicsUInt32 mask,
-                       plcAsynCallback callback, void *userPvt, void **registrar)
+asynStatus plcAsynJoin(plcAsynPort *port, asynUser *user, plcAsynFace face,
+                       epicsUInt32 mask, plcAsynCallback callback, void *userPvt,
+                       void **registrar)
 {
     plcAsynView *view = plcAsynViewOf(port, user, face);
     plcAsynUser *u;
@@ -133,8 +134,8 @@ static void freeUser(plcAsynUser *u)
     free(u);
 }
 
-/* When its callback runs just now: waits until it has returned. Not for ever: the callback
- * may itself wait for a record that our caller has locked. */
+/* When its callback runs just now: waits until it has returned. Not for ever: the
+ * callback may itself wait for a record that our caller has locked. */
 asynStatus plcAsynLeave(plcAsynPort *port, asynUser *user, void *registrar)
 {
     plcAsynUser *u = registrar;
@@ -162,7 +163,7 @@ asynStatus plcAsynLeave(plcAsynPort *port, asynUser *user, void *registrar)
     return asynSuccess;
 }
 
-/* --- Writes of those who are called back --------------------------------------------------- */
+/* --- Writes of those who are called back ----------------------------------------- */
 
 #define USER_AT_PLACE(NODE) CONTAINER(NODE, plcAsynUser, atPlace)
 
@@ -201,8 +202,8 @@ void plcAsynWriteEnds(plcAsynPort *port, plcAsynView *view, asynUser *user,
 
     if (view->follows) {
         plcStationGetOptions(port->station, &options);
-        patience = epicsMonotonicGet() + PATIENCE_NS +
-                   (epicsUInt64)(options.sendInterval * 1e6);
+        patience =
+            epicsMonotonicGet() + PATIENCE_NS + (epicsUInt64)(options.sendInterval * 1e6);
     }
     epicsMutexMustLock(port->lock);
     for (node = ellFirst(&view->place->users); node; node = ellNext(node)) {
@@ -222,17 +223,17 @@ void plcAsynWriteEnds(plcAsynPort *port, plcAsynView *view, asynUser *user,
         epicsEventSignal(port->wake);
 }
 
-/* --- A pass -------------------------------------------------------------------------------- */
+/* --- A pass ---------------------------------------------------------------------- */
 
 /* What a pass knows when it begins. */
 typedef struct pass {
     plcAsynPort *port;
-    int isBlock;   /* there is a new block */
-    int compares;  /* with scan=changed */
-    int tracks;    /* outputs follow the PLC from block to block */
+    int isBlock;  /* there is a new block */
+    int compares; /* with scan=changed */
+    int tracks;   /* outputs follow the PLC from block to block */
     int connected;
-    int leaves;    /* what is written leaves */
-    int taken;     /* the output image holds the PLC's values */
+    int leaves; /* what is written leaves */
+    int taken;  /* the output image holds the PLC's values */
     epicsUInt64 now;
 } pass;
 
@@ -267,9 +268,9 @@ static void setStatus(plcAsynUser *u, asynStatus status, int alarm, epicsTimeSta
     u->own->timestamp = stamp;
 }
 
-/* A record whose SCAN becomes I/O Intr registers before Base has it in a scan list. A callback
- * in between would leave a value in its queue, and all later ones would come one too late.
- * So one who joins a running IOC is told a moment later. */
+/* A record whose SCAN becomes I/O Intr registers before Base has it in a scan list. A
+ * callback in between would leave a value in its queue, and all later ones would come one
+ * too late. So one who joins a running IOC is told a moment later. */
 static int isSettled(const pass *p, plcAsynUser *u)
 {
     if (!u->joined)
@@ -288,8 +289,8 @@ static int isFaulty(plcAsynUser *u, int *news)
 {
     const plcAsynView *view = u->view;
     char reason[PLC_REASON_SIZE];
-    int faulty = view->faults && plcFaultsFind(view->faults, view->offset, view->length,
-                                               u->mask, reason);
+    int faulty = view->faults &&
+                 plcFaultsFind(view->faults, view->offset, view->length, u->mask, reason);
 
     *news = faulty != u->faulty;
     u->faulty = faulty;
@@ -415,7 +416,7 @@ static int callNext(const pass *p)
     return 1;
 }
 
-/* --- Flow control -------------------------------------------------------------------------- */
+/* --- Flow control ---------------------------------------------------------------- */
 
 /* In a callback thread: all that was queued before has been taken. */
 static void marked(epicsCallback *mark)
@@ -455,15 +456,17 @@ static void runPass(const pass *p)
     if (calls % PORTION)
         drain(port);
     if (calls)
-        plcAsynTraceLine(port->trace, ASYN_TRACE_FLOW, "%s %u callbacks for %s", port->name,
-                         calls, !port->good ? "the loss of data"
-                                            : p->isBlock ? "a block" : "outputs");
+        plcAsynTraceLine(port->trace, ASYN_TRACE_FLOW, "%s %u callbacks for %s",
+                         port->name, calls,
+                         !port->good  ? "the loss of data"
+                         : p->isBlock ? "a block"
+                                      : "outputs");
 }
 
-/* --- Connection ---------------------------------------------------------------------------- */
+/* --- Connection ------------------------------------------------------------------ */
 
-/* Tells asyn whether device 0 is connected. Only this thread does, so that no two exceptions
- * overtake each other. */
+/* Tells asyn whether device 0 is connected. Only this thread does, so that no two
+ * exceptions overtake each other. */
 static void announce(plcAsynPort *port, int connected, const char *reason)
 {
     if (connected == port->announced)
@@ -479,7 +482,7 @@ static void announce(plcAsynPort *port, int connected, const char *reason)
     }
 }
 
-/* --- The thread ---------------------------------------------------------------------------- */
+/* --- The thread ------------------------------------------------------------------ */
 
 /* Fetches what the station has left. Returns 1 when data was lost in between. */
 static int fetch(pass *p, int *dropped)
@@ -547,7 +550,8 @@ static void waitFor(plcAsynPort *port)
         return;
     }
     now = epicsMonotonicGet();
-    epicsEventWaitWithTimeout(port->wake, port->look > now ? (port->look - now) * 1e-9 : 0);
+    epicsEventWaitWithTimeout(port->wake,
+                              port->look > now ? (port->look - now) * 1e-9 : 0);
 }
 
 void plcAsynThread(void *arg)

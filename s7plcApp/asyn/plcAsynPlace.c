@@ -26,21 +26,22 @@ static const struct {
     unsigned element;
 } faces[plcAsynFaces] = {
     /* clang-format off */
-    [plcAsynInt32]         = {{"asynInt32",         plcInteger, 4, ONE_VALUE, "INT16"}, 0},
-    [plcAsynInt64]         = {{"asynInt64",         plcInteger, 8, ONE_VALUE, "INT16"}, 0},
+    [plcAsynInt32] = {{"asynInt32", plcInteger, 4, ONE_VALUE, "INT16"}, 0},
+    [plcAsynInt64] = {{"asynInt64", plcInteger, 8, ONE_VALUE, "INT16"}, 0},
     [plcAsynUInt32Digital] = {{"asynUInt32Digital", plcInteger, 4, ONE_BIT, "INT16"}, 0},
-    [plcAsynFloat64]       = {{"asynFloat64",       NUMBERS,    8, ONE_VALUE, "INT16"}, 0},
-    [plcAsynOctet]         = {{"asynOctet",         plcString,  1, plcHasL | plcHasR, "STRING"}, 1},
-    [plcAsynInt8Array]     = {{"asynInt8Array",     BYTES,      1, MANY_VALUES, "INT8"}, 1},
-    [plcAsynInt16Array]    = {{"asynInt16Array",    plcInteger, 2, MANY_VALUES, "INT16"}, 2},
-    [plcAsynInt32Array]    = {{"asynInt32Array",    plcInteger, 4, MANY_VALUES, "INT32"}, 4},
-    [plcAsynInt64Array]    = {{"asynInt64Array",    plcInteger, 8, MANY_VALUES, "INT64"}, 8},
-    [plcAsynFloat32Array]  = {{"asynFloat32Array",  plcReal,    4, MANY_VALUES, "REAL32"}, 4},
-    [plcAsynFloat64Array]  = {{"asynFloat64Array",  plcReal,    8, MANY_VALUES, "REAL64"}, 8},
+    [plcAsynFloat64] = {{"asynFloat64", NUMBERS, 8, ONE_VALUE, "INT16"}, 0},
+    [plcAsynOctet] = {{"asynOctet", plcString, 1, plcHasL | plcHasR, "STRING"}, 1},
+    [plcAsynInt8Array] = {{"asynInt8Array", BYTES, 1, MANY_VALUES, "INT8"}, 1},
+    [plcAsynInt16Array] = {{"asynInt16Array", plcInteger, 2, MANY_VALUES, "INT16"}, 2},
+    [plcAsynInt32Array] = {{"asynInt32Array", plcInteger, 4, MANY_VALUES, "INT32"}, 4},
+    [plcAsynInt64Array] = {{"asynInt64Array", plcInteger, 8, MANY_VALUES, "INT64"}, 8},
+    [plcAsynFloat32Array] = {{"asynFloat32Array", plcReal, 4, MANY_VALUES, "REAL32"}, 4},
+    [plcAsynFloat64Array] = {{"asynFloat64Array", plcReal, 8, MANY_VALUES, "REAL64"}, 8},
     /* clang-format on */
 };
 
-static int fail(char *error, size_t size, const char *format, ...) EPICS_PRINTF_STYLE(3, 4);
+static int fail(char *error, size_t size, const char *format, ...)
+    EPICS_PRINTF_STYLE(3, 4);
 
 static int fail(char *error, size_t size, const char *format, ...)
 {
@@ -62,7 +63,7 @@ unsigned plcAsynElementSize(plcAsynFace face)
     return faces[face].element;
 }
 
-/* --- From the text to a place ---------------------------------------------------------- */
+/* --- From the text to a place ---------------------------------------------------- */
 
 /* Takes "in" or "out" from the front of the text. Returns 1 for out. */
 static int takeDirection(const char **text)
@@ -103,8 +104,10 @@ static int checkPlace(size_t offset, size_t length, size_t size, const char *blo
         return fail(error, errorSize, "the PLC has no %sput block; %sSize is 0", block,
                     block);
     if (offset > size || length > size - offset)
-        return fail(error, errorSize, "%lu + %lu bytes exceed the %sput block; %sSize is "
-                    "%lu", (unsigned long)offset, (unsigned long)length, block, block,
+        return fail(error, errorSize,
+                    "%lu + %lu bytes exceed the %sput block; %sSize is "
+                    "%lu",
+                    (unsigned long)offset, (unsigned long)length, block, block,
                     (unsigned long)size);
     return 0;
 }
@@ -119,7 +122,8 @@ static int checkLink(const plcAsynPlace *place, char *error, size_t size)
         return fail(error, size,
                     "R= (read-back) is for outputs only; allowed: out offset T=type R=");
     if (link->has & plcHasB && link->type && link->type->kind & ~plcInteger)
-        return fail(error, size, "B= is for whole numbers only, not %s", link->type->name);
+        return fail(error, size, "B= is for whole numbers only, not %s",
+                    link->type->name);
     if (link->has & plcHasB && link->type && link->bit >= 8 * bytes)
         return fail(error, size, "B=%u: %s has bits 0 to %u", link->bit, link->type->name,
                     8 * bytes - 1);
@@ -131,10 +135,11 @@ static int checkLink(const plcAsynPlace *place, char *error, size_t size)
                    size))
         return -1;
     if (place->output && link->offset < plcStationHeader(place->station))
-        return fail(error, size,
-                    "bytes 0 to %u are the header of the sync handshake; allowed: %u and up",
-                    (unsigned)plcStationHeader(place->station) - 1,
-                    (unsigned)plcStationHeader(place->station));
+        return fail(
+            error, size,
+            "bytes 0 to %u are the header of the sync handshake; allowed: %u and up",
+            (unsigned)plcStationHeader(place->station) - 1,
+            (unsigned)plcStationHeader(place->station));
     return 0;
 }
 
@@ -177,7 +182,7 @@ plcAsynPlace *plcAsynPlaceCreate(plcStation *station, const char *text, char *er
     return place;
 }
 
-/* --- From a place to what one interface makes of it ------------------------------------ */
+/* --- From a place to what one interface makes of it ------------------------------ */
 
 /* L= of an array is the number of its elements; without it the array is open. */
 static int measureArray(plcAsynView *view, const plcLink *link, char *error, size_t size)
@@ -210,8 +215,10 @@ static int placeReadback(plcAsynView *view, const plcLink *link, char *error, si
         return fail(error, size, "R= needs the length; allowed: L=%s",
                     view->face == plcAsynOctet ? "characters" : "elements");
     if (view->hasReadback && mirror >= 0 && link->readback != mirror + view->offset)
-        return fail(error, size, "the PLC's option readback=%ld shows this place at %ld; "
-                    "leave R= out", mirror, mirror + (long)view->offset);
+        return fail(error, size,
+                    "the PLC's option readback=%ld shows this place at %ld; "
+                    "leave R= out",
+                    mirror, mirror + (long)view->offset);
     if (view->hasReadback)
         return checkPlace(view->readback, view->length,
                           plcStationInSize(view->place->station), "in", error, size);
@@ -271,7 +278,8 @@ static void enlist(plcAsynView *view, const char *port)
     user->hasReadback = view->hasReadback;
     user->readback = view->readback;
     plcUsersAdd(plcStationUsers(station), user);
-    view->faults = user->output ? plcStationOutFaults(station) : plcStationInFaults(station);
+    view->faults =
+        user->output ? plcStationOutFaults(station) : plcStationInFaults(station);
     view->follows = view->hasReadback ||
                     (user->output && !view->open && plcStationShowsOutputs(station));
     if (view->follows)
@@ -298,7 +306,7 @@ plcAsynView *plcAsynPlaceView(plcAsynPlace *place, plcAsynFace face, const char 
     return view;
 }
 
-/* --- Bytes and values ------------------------------------------------------------------ */
+/* --- Bytes and values ------------------------------------------------------------ */
 
 epicsInt64 plcAsynGetInt(const plcAsynView *view, const void *bytes)
 {
@@ -316,8 +324,8 @@ double plcAsynGetReal(const plcAsynView *view, const void *bytes)
     return (double)plcAsynGetInt(view, bytes);
 }
 
-size_t plcAsynGetText(const plcAsynView *view, const void *bytes, size_t length, char *text,
-                      size_t size)
+size_t plcAsynGetText(const plcAsynView *view, const void *bytes, size_t length,
+                      char *text, size_t size)
 {
     size_t max = length < size ? length : size;
     const char *nul = memchr(bytes, 0, max);
@@ -343,8 +351,8 @@ static int fitsType(const plcType *type, epicsInt64 value)
 {
     unsigned bits = 8 * type->size;
 
-    return bits == 64 || (value >= -((epicsInt64)1 << (bits - 1)) &&
-                          value < ((epicsInt64)1 << bits));
+    return bits == 64 ||
+           (value >= -((epicsInt64)1 << (bits - 1)) && value < ((epicsInt64)1 << bits));
 }
 
 /* The least value that is written: L= may be below the type. */

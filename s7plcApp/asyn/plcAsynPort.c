@@ -20,7 +20,7 @@ static epicsMutexId waitLock;        /* guards waitUntil and waitLeft */
 static epicsUInt64 waitUntil;        /* until then iocInit may wait; ns, 0: not begun */
 static double waitAtMost;            /* ms */
 
-/* --- drvInfo ----------------------------------------------------------------------------- */
+/* --- drvInfo --------------------------------------------------------------------- */
 
 /* One place for each text: the records of a place share it. */
 static plcAsynPlace *findPlace(plcAsynPort *port, const char *text)
@@ -56,20 +56,22 @@ static asynStatus userCreate(void *pvt, asynUser *user, const char *text,
     }
     epicsMutexUnlock(port->lock);
     if (!place) {
-        errlogSevPrintf(errlogMajor, "s7plcAsyn %s \"%s\": %s\n", port->name, text, error);
+        errlogSevPrintf(errlogMajor, "s7plcAsyn %s \"%s\": %s\n", port->name, text,
+                        error);
         return plcAsynFail(user, asynError, LINK_ALARM, "%s \"%s\": %s", port->name, text,
                            error);
     }
     if (warning[0])
-        errlogSevPrintf(errlogMinor, "s7plcAsyn %s \"%s\" warning: %s\n", port->name, text,
-                        warning);
+        errlogSevPrintf(errlogMinor, "s7plcAsyn %s \"%s\" warning: %s\n", port->name,
+                        text, warning);
     user->drvUser = place;
     /* A device that is not connected: the driver says why, and keeps what is written. */
     user->reason = ASYN_REASON_QUEUE_EVEN_IF_NOT_CONNECTED;
     return asynSuccess;
 }
 
-static asynStatus userGetType(void *pvt, asynUser *user, const char **typeName, size_t *size)
+static asynStatus userGetType(void *pvt, asynUser *user, const char **typeName,
+                              size_t *size)
 {
     plcAsynPlace *place = user->drvUser;
 
@@ -110,9 +112,11 @@ plcAsynView *plcAsynViewOf(plcAsynPort *port, asynUser *user, plcAsynFace face)
     epicsMutexUnlock(port->lock);
     if (isNew && !view->refused && place->output && !view->hasReadback &&
         plcStationHeader(port->station))
-        errlogSevPrintf(errlogMinor, "s7plcAsyn %s \"%s\" warning: with sync=on the PLC must "
-                        "show this output: add R=offset, or set the PLC's option readback\n",
-                        port->name, place->text);
+        errlogSevPrintf(
+            errlogMinor,
+            "s7plcAsyn %s \"%s\" warning: with sync=on the PLC must "
+            "show this output: add R=offset, or set the PLC's option readback\n",
+            port->name, place->text);
     if (!view->refused)
         return view;
     if (isNew)
@@ -123,7 +127,7 @@ plcAsynView *plcAsynViewOf(plcAsynPort *port, asynUser *user, plcAsynFace face)
     return NULL;
 }
 
-/* --- The first block --------------------------------------------------------------------- */
+/* --- The first block ------------------------------------------------------------- */
 
 void plcAsynWaitFirst(plcAsynPort *port, const plcAsynView *view)
 {
@@ -148,7 +152,7 @@ void plcAsynWaitFirst(plcAsynPort *port, const plcAsynView *view)
     }
 }
 
-/* --- asynCommon -------------------------------------------------------------------------- */
+/* --- asynCommon ------------------------------------------------------------------ */
 
 /* True for the port itself, which is always connected; the PLC is device 0. */
 static int isPort(asynUser *user)
@@ -225,7 +229,8 @@ static void commonReport(void *pvt, FILE *file, int details)
             reason[0] ? "not connected: " : "connected", reason);
     if (details < 1)
         return;
-    fprintf(file, "    %d places, %d who are called back; %llu callbacks in %llu passes; "
+    fprintf(file,
+            "    %d places, %d who are called back; %llu callbacks in %llu passes; "
             "%llu blocks were replaced by a newer one; %u traces dropped\n",
             places, users, (unsigned long long)callbacks, (unsigned long long)passes,
             (unsigned long long)coalesced, plcAsynTraceDropped(port->trace));
@@ -241,7 +246,7 @@ static void commonReport(void *pvt, FILE *file, int details)
 
 static asynCommon commonMethods = {commonReport, commonConnect, commonDisconnect};
 
-/* --- Life --------------------------------------------------------------------------------- */
+/* --- Life ------------------------------------------------------------------------ */
 
 static void stopAll(void *arg)
 {
@@ -347,14 +352,15 @@ int plcAsynPortCreate(const char *name, const char *stationName, double initialW
 
     if (!station) {
         plcStationNames(names, sizeof(names));
-        errlogSevPrintf(errlogMajor, "drvAsynS7plcConfigure %s: no PLC \"%s\"; configured: %s\n",
-                        name, stationName, names[0] ? names : "none (s7plcConfigure first)");
+        errlogSevPrintf(errlogMajor,
+                        "drvAsynS7plcConfigure %s: no PLC \"%s\"; configured: %s\n", name,
+                        stationName, names[0] ? names : "none (s7plcConfigure first)");
         return -1;
     }
     error = refuse(name, station);
     if (error) {
-        errlogSevPrintf(errlogMajor, "drvAsynS7plcConfigure %s %s: %s\n", name, stationName,
-                        error);
+        errlogSevPrintf(errlogMajor, "drvAsynS7plcConfigure %s %s: %s\n", name,
+                        stationName, error);
         return -1;
     }
     port = callocMustSucceed(1, sizeof(*port), "plcAsynPortCreate");
@@ -362,13 +368,16 @@ int plcAsynPortCreate(const char *name, const char *stationName, double initialW
     port->station = station;
     makeBuffers(port);
     if (plcStationListen(station, &plcAsynListener, port)) {
-        errlogSevPrintf(errlogMajor, "drvAsynS7plcConfigure %s %s: comes before iocInit\n",
-                        name, stationName);
+        errlogSevPrintf(errlogMajor,
+                        "drvAsynS7plcConfigure %s %s: comes before iocInit\n", name,
+                        stationName);
         return -1; /* what was made is little, and asyn cannot forget a port */
     }
     if (registerPort(port)) {
-        errlogSevPrintf(errlogMajor, "drvAsynS7plcConfigure %s %s: asyn does not take this "
-                        "port name; is it in use?\n", name, stationName);
+        errlogSevPrintf(errlogMajor,
+                        "drvAsynS7plcConfigure %s %s: asyn does not take this "
+                        "port name; is it in use?\n",
+                        name, stationName);
         return -1;
     }
     if (!waitLock) {

@@ -1,17 +1,18 @@
 /* A station as an asyn port: what the files of this library share.
  *
  * A port is a multi-device port of which address 0 is the PLC, and which does not block:
- * reads and writes are copies out of and into the images. Multi-device, because asynManager
- * answers for a port that is not connected without asking its driver; for a device it asks,
- * so that a value written while the PLC is away is kept, or refused with the reason.
+ * reads and writes are copies out of and into the images. Multi-device, because
+ * asynManager answers for a port that is not connected without asking its driver; for a
+ * device it asks, so that a value written while the PLC is away is kept, or refused with
+ * the reason.
  *
  * Threads: records read and write in their own threads. The station's thread only leaves
  * word (plcListener). One thread per port calls back those who registered, and announces
  * connections; another prints traces.
  *
- * Locks: `lock` guards places, views and those who are called back; never held while one is
- * called, nor in a system call. Order: record lock, asyn's locks, `lock`, then those of the
- * station. `arrived` guards what the station's thread leaves; it is taken alone.
+ * Locks: `lock` guards places, views and those who are called back; never held while one
+ * is called, nor in a system call. Order: record lock, asyn's locks, `lock`, then those
+ * of the station. `arrived` guards what the station's thread leaves; it is taken alone.
  */
 #ifndef INC_plcAsynPort_H
 #define INC_plcAsynPort_H
@@ -43,26 +44,26 @@ typedef struct plcAsynPort {
 
     epicsMutexId lock; /* guards from here ... */
     ELLLIST places;
-    ELLLIST users; /* plcAsynUser.node */
-    struct plcAsynUser *next;   /* the one that the pass looks at next */
-    struct plcAsynUser *called; /* the one that is called back now */
+    ELLLIST users;                 /* plcAsynUser.node */
+    struct plcAsynUser *next;      /* the one that the pass looks at next */
+    struct plcAsynUser *called;    /* the one that is called back now */
     epicsUInt64 passes, callbacks; /* ... to here */
 
     epicsMutexId arrived; /* guards from here ... */
     char *newest;         /* the last block, when fresh */
     epicsTimeStamp newestStamp;
-    int fresh;   /* there is a block that nobody was told */
-    int lost;    /* data was lost since the last pass, before that block */
-    int dropped; /* the connection was lost since the last pass */
+    int fresh;             /* there is a block that nobody was told */
+    int lost;              /* data was lost since the last pass, before that block */
+    int dropped;           /* the connection was lost since the last pass */
     epicsUInt64 coalesced; /* blocks that a newer one replaced ... to here */
 
     /* owned by the port's thread */
     char *block, *before; /* the block that is told, and the one told before */
     epicsTimeStamp stamp;
-    epicsUInt64 look; /* when an output has to be looked at again; ns */
-    int good;      /* block is valid */
-    int announced; /* asyn knows that we are connected */
-    char *scratch; /* as large as the larger block */
+    epicsUInt64 look;     /* when an output has to be looked at again; ns */
+    int good;             /* block is valid */
+    int announced;        /* asyn knows that we are connected */
+    char *scratch;        /* as large as the larger block */
     asynStatus badStatus; /* while !good: what is told */
 
     epicsThreadId thread;
@@ -91,14 +92,14 @@ typedef struct plcAsynUser {
     plcAsynCallback callback;
     void *userPvt;
     epicsUInt64 joined; /* when; ns, 0: not while the IOC starts, or long ago */
-    int told;    /* it has a value that is valid */
-    int gone;    /* cancelled while it was called back */
-    int faulty;  /* it was told that the PLC did not give or take it */
+    int told;           /* it has a value that is valid */
+    int gone;           /* cancelled while it was called back */
+    int faulty;         /* it was told that the PLC did not give or take it */
     int refused; /* its last write was refused: it gets the PLC's value, with the alarm */
     int away;    /* its last write waits for the PLC: its alarm has to end */
     int writing; /* a write of its own is under way */
-    epicsUInt64 patience;  /* until then the PLC may still show an older value; ns */
-    epicsUInt8 *mask;      /* of outputs of single bits, else NULL */
+    epicsUInt64 patience; /* until then the PLC may still show an older value; ns */
+    epicsUInt8 *mask;     /* of outputs of single bits, else NULL */
     epicsUInt8 maskBytes[PLC_ASYN_SCALAR];
     epicsUInt8 *value; /* of outputs: the bytes that it shows, when told */
     epicsUInt8 *shown; /* of outputs with a read-back: what the PLC showed last */
@@ -112,11 +113,12 @@ int plcAsynPortCreate(const char *name, const char *station, double initialWait)
  * errorMessage when there is none, or the interface does not fit. */
 plcAsynView *plcAsynViewOf(plcAsynPort *port, asynUser *user, plcAsynFace face);
 
-/* During iocInit: waits for the first block of the PLC, for an output with a read-back that
- * wants its initial value. All waits of all ports together last initialWait at most. */
+/* During iocInit: waits for the first block of the PLC, for an output with a read-back
+ * that wants its initial value. All waits of all ports together last initialWait at most.
+ */
 void plcAsynWaitFirst(plcAsynPort *port, const plcAsynView *view);
 
-/* --- plcAsynIo.c: reads and writes, in the caller's thread ------------------------------ */
+/* --- plcAsynIo.c: reads and writes, in the caller's thread ----------------------- */
 
 /* Registers the interfaces with asyn. Returns 0 or -1. */
 int plcAsynIoRegister(plcAsynPort *port);
@@ -125,10 +127,10 @@ int plcAsynIoRegister(plcAsynPort *port);
 void plcAsynCall(plcAsynUser *user, const void *bytes);
 
 /* Sets status, alarm and reason of an asynUser. Returns the status. */
-asynStatus plcAsynFail(asynUser *user, asynStatus status, int alarm, const char *format, ...)
-    EPICS_PRINTF_STYLE(4, 5);
+asynStatus plcAsynFail(asynUser *user, asynStatus status, int alarm, const char *format,
+                       ...) EPICS_PRINTF_STYLE(4, 5);
 
-/* --- plcAsynPass.c: callbacks ------------------------------------------------------------ */
+/* --- plcAsynPass.c: callbacks ---------------------------------------------------- */
 
 extern const plcListener plcAsynListener;
 

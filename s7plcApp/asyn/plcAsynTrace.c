@@ -31,7 +31,7 @@ struct plcAsynTrace {
     epicsMutexId lock; /* guards the rest; held for a copy of a pointer */
     traceEntry *queue[PLC_ASYN_TRACE_ENTRIES];
     unsigned first, count;
-    size_t bytes; /* of all of them */
+    size_t bytes;           /* of all of them */
     unsigned dropped, told; /* dropped in all; of them printed */
     int stop;
 };

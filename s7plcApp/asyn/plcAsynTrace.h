@@ -1,8 +1,8 @@
-/* The trace of a port: blocks and lines that a thread of its own prints, so that nobody who
- * has something to trace waits for a terminal or a file.
+/* The trace of a port: blocks and lines that a thread of its own prints, so that nobody
+ * who has something to trace waits for a terminal or a file.
  *
- * Knows asynTrace; no station, no records. What does not fit into the queue is counted, and
- * the count is printed.
+ * Knows asynTrace; no station, no records. What does not fit into the queue is counted,
+ * and the count is printed.
  */
 #ifndef INC_plcAsynTrace_H
 #define INC_plcAsynTrace_H
@@ -23,8 +23,8 @@ plcAsynTrace *plcAsynTraceCreate(asynUser *user, const char *name);
 /* Ends the thread; what waits is printed first. */
 void plcAsynTraceStop(plcAsynTrace *trace);
 
-/* Bytes with a heading, when `reason` (ASYN_TRACEIO_DRIVER) is in the mask. Any thread; does
- * not block. Only as many bytes are copied as asynSetTraceIOTruncateSize shows. */
+/* Bytes with a heading, when `reason` (ASYN_TRACEIO_DRIVER) is in the mask. Any thread;
+ * does not block. Only as many bytes are copied as asynSetTraceIOTruncateSize shows. */
 void plcAsynTraceBytes(plcAsynTrace *trace, int reason, const void *bytes, size_t length,
                        const char *heading);
 
