@@ -83,7 +83,7 @@ struct plcModbus {
     /* the worker's own */
     session session;
     epicsUInt8 *in, *out;         /* the images as the PLC has them */
-    epicsUInt8 *leaving, *values; /* bits that a plan writes, and their values */
+    epicsUInt8 *leaving, *values; /* bits that a plan is still to write, their values */
     epicsUInt8 *unsure;           /* bits under way when a connection ended */
     epicsUInt8 *ownGlueIn, *ownGlueOut;
     plcPiece *pieces;
@@ -356,11 +356,18 @@ static void reasonOf(int code, char reason[PLC_REASON_SIZE])
     epicsSnprintf(reason, PLC_REASON_SIZE, "PLC: %.34s", text);
 }
 
-/* The connection is of no use any more, for the reason in session.lost. */
+/* The connection is of no use any more, for the reason in session.lost. What was to leave
+ * on it has not left: that is a fault until it has. */
 static void giveUp(plcModbus *m)
 {
+    size_t i;
+
     plcModbusWireCut(m->wire);
     if (enter(m)) {
+        for (i = 0; i < m->setup.outSize; i++)
+            m->leaving[i] |= m->owed[i];
+        m->news.outFaults |= plcFaultsSet(m->setup.outFaults, 0, m->setup.outSize,
+                                          m->leaving, m->session.lost);
         m->news.lost = 1;
         strcpy(m->news.why, m->session.lost);
         tell(m);
@@ -599,6 +606,7 @@ static void settle(plcModbus *m, const plcRequest *q, const char *reason)
             epicsUInt8 *unsure = &m->unsure[p->offset + k];
 
             mask[k] &= m->leaving[p->offset + k];
+            m->leaving[p->offset + k] &= (epicsUInt8)~mask[k];
             *unsure &= (epicsUInt8)~mask[k];
             *unsure |= m->session.lost[0] ? mask[k] : 0;
         }
@@ -1018,6 +1026,7 @@ static void beginSession(plcModbus *m)
         s->generation = m->generation;
         s->on = 1;
         s->options = m->options;
+        memset(m->leaving, 0, m->setup.outSize);
         s->knowsIn =
             copyGlue(m->ownGlueIn, m->knowsIn ? m->glueIn : NULL, m->setup.inSize);
         s->knowsOut =

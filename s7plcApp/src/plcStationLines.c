@@ -180,8 +180,10 @@ PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char
     line->fruitless = plcLineIsOutput(s, i)
                           ? !epicsAtomicGetIntT(&s->taken)
                           : s->inSize && !plcStationIsPair(s) && !line->lastBlock;
-    if (plcLineIsModbus(s, i))
+    if (plcLineIsModbus(s, i)) {
+        plcWireLost(s, why);
         plcWireDown(s);
+    }
     /* No old block may reach one of a pair when another leads already. */
     if (plcStationIsPair(s))
         plcConnectionAbort(&line->connection, why, now);

@@ -143,6 +143,17 @@ void plcWireUp(plcStation *s)
     startWhenReady(s);
 }
 
+/* What waits has not reached the PLC, and nobody knows when it will. It is owed to the next
+ * connection, as is all that the PLC does not show then. */
+void plcWireLost(plcStation *s, const char *why)
+{
+    plcModbusSide *m = &s->modbus;
+
+    plcImageTakeChanges(s->out, m->image, m->mask);
+    if (plcFaultsSet(m->outFaults, 0, s->outSize, m->mask, why))
+        plcInputFollow(s, 0);
+}
+
 void plcWireDown(plcStation *s)
 {
     s->modbus.waiting = 0;

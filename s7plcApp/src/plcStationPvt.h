@@ -258,8 +258,9 @@ static inline int plcLineIsModbus(const plcStation *s, unsigned i)
 void plcWireBegin(plcStation *s);
 void plcWireEnd(plcStation *s);
 
-/* The connection is up / is gone. */
+/* The connection is up / was up, and is lost for this reason / is gone. */
 void plcWireUp(plcStation *s);
+void plcWireLost(plcStation *s, const char *why);
 void plcWireDown(plcStation *s);
 
 /* What the worker has to tell. */
