@@ -33,9 +33,8 @@ static const iocshFuncDef configureDef = {
     "drvAsynS7plcConfigure", 3, args
 #ifdef IOCSHFUNCDEF_HAS_USAGE
     ,
-    "Makes an asyn port of a PLC that is configured. initialWait: how long iocInit may "
-    "wait\n"
-    "for the first block, for outputs whose initial value the PLC shows (default 0).\n"
+    "Makes an asyn port of a PLC that is configured. initialWait: how long iocInit may\n"
+    "wait for the first block, for outputs whose value the PLC shows (default 0).\n"
     "  drvAsynS7plcConfigure PLC-A-asyn,PLC-A\n"
 #endif
 };

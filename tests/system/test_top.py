@@ -36,3 +36,13 @@ def test_no_base(tmp_path):
         assert run.returncode != 0
         assert "RELEASE.local" in run.stderr and "make demo" in run.stderr, run.stderr
     assert not (tree / "configure/RELEASE.local").exists()
+
+
+def test_without_asyn():
+    """a build without asyn says so in one line, with make -s and -j too"""
+    for options in (["-s"], ["-s", "-j2"]):
+        run = make(TOP, "-C", "s7plcApp", *options, "ASYN=")
+        assert run.returncode == 0, run.stderr
+        lines = [line for line in run.stdout.splitlines() if "left out" in line]
+        assert lines == ["s7plcAsyn left out (PLCs as asyn ports): "
+                         "ASYN is not set in configure/RELEASE.local"], run.stdout

@@ -9,6 +9,7 @@
 
 #include <sys/resource.h>
 
+#include <epicsAtomic.h>
 #include <epicsUnitTest.h>
 #include <errlog.h>
 #include <testMain.h>
@@ -826,9 +827,83 @@ static void testOptions(void)
     end(-1, -1);
 }
 
+/* --- The listener -------------------------------------------------------------------*/
+
+static struct {
+    int received, delivered, sent, changed; /* atomic: how often */
+    int in, out;                            /* atomic: first byte of the last block */
+} heard;
+
+static void hearReceived(void *pvt, const void *block)
+{
+    (void)block;
+    testOk(pvt == &heard, "received: with our argument");
+    epicsAtomicIncrIntT(&heard.received);
+}
+
+static void hearDelivered(void *pvt, const void *block, const epicsTimeStamp *stamp)
+{
+    (void)pvt, (void)stamp;
+    epicsAtomicSetIntT(&heard.in, *(const unsigned char *)block);
+    epicsAtomicIncrIntT(&heard.delivered);
+}
+
+static void hearSent(void *pvt, const void *block)
+{
+    (void)pvt;
+    epicsAtomicSetIntT(&heard.out, *(const unsigned char *)block);
+    epicsAtomicIncrIntT(&heard.sent);
+}
+
+static void hearChanged(void *pvt)
+{
+    (void)pvt;
+    epicsAtomicIncrIntT(&heard.changed);
+}
+
+static void testListener(void)
+{
+    static const plcListener all = {hearReceived, hearDelivered, hearSent, hearChanged};
+    static const plcListener none = {NULL, NULL, NULL, NULL};
+    unsigned char block[OUT];
+    int port = 0, listener = toolListen(&port), fd, before;
+    plcStation *s = make("PLC", "127.0.0.1", port, IN, OUT, 60000, 10);
+
+    testDiag("Who listens to a station beside the records");
+    testOk(plcStationListen(s, &all, &heard) == 0, "one may listen");
+    testOk(plcStationListen(s, &none, NULL) == -1, "a second may not");
+    plcStationsStart();
+    plcStationsRun();
+    fd = toolAccept(listener);
+    blockArrives(s, fd, 5);
+    WAIT_FOR(epicsAtomicGetIntT(&heard.delivered) == 1);
+    testOk(epicsAtomicGetIntT(&heard.received) == 1 &&
+               epicsAtomicGetIntT(&heard.in) == 5,
+           "it gets the block that records get");
+    put(s, 0, 9);
+    testOk(outBlock(fd, block) && block[0] == 9, "a block leaves");
+    WAIT_FOR(epicsAtomicGetIntT(&heard.sent) > 0);
+    testOk(epicsAtomicGetIntT(&heard.out) == 9, "and it gets that one too");
+    before = epicsAtomicGetIntT(&heard.changed);
+    toolClose(fd);
+    WAIT_FOR(epicsAtomicGetIntT(&heard.changed) > before && value(s) == -1);
+    testOk(epicsAtomicGetIntT(&heard.changed) > before, "it hears of a loss");
+    end(-1, listener);
+    listener = toolListen(&port);
+    s = make("PLC", "127.0.0.1", port, IN, OUT, 60000, 10);
+    plcStationListen(s, &none, NULL);
+    plcStationsStart();
+    plcStationsRun();
+    fd = toolAccept(listener);
+    testOk(blockArrives(s, fd, 6), "one that wants to hear nothing hears nothing");
+    s = make("LATE", "127.0.0.1", port, IN, OUT, 60000, 10);
+    testOk(plcStationListen(s, &all, NULL) == -1, "one that comes late is refused");
+    end(fd, listener);
+}
+
 MAIN(stationTest)
 {
-    testPlan(101);
+    testPlan(110);
     eltc(0); /* the log is for people; here the test speaks */
     testFirstBlock();
     testClosed();
@@ -858,5 +933,6 @@ MAIN(stationTest)
     testManyDescriptors();
     testStop();
     testOptions();
+    testListener();
     return testDone();
 }
