@@ -462,7 +462,7 @@ PLC_HOT void plcLineReady(plcStation *s, unsigned i, short revents, epicsUInt64 
         lineReceive(s, i, now);
 }
 
-int plcLineSocket(const plcStation *s, unsigned i)
+PLC_HOT int plcLineSocket(const plcStation *s, unsigned i)
 {
     const plcConnection *c = &s->lines[i].connection;
     int worker = plcLineIsModbus(s, i) && c->state == plcConnectionUp;
