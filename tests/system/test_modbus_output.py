@@ -117,20 +117,31 @@ def test_put(new_station):
     assert s.blocks.connection.received == b""
 
 
-@pytest.mark.parametrize("big, option, wanted", [
+ORDERS = [  # bigEndian, option, registers of INT16 0x1234, INT32 0x12345678 and "AB"
     (1, "", [0x1234, 0x1234, 0x5678, 0x4142]), (1, "wordOrder low", [0x1234, 0x5678, 0x1234, 0x4142]),
-    (0, "", [0x1234, 0x5678, 0x1234, 0x4241]), (0, "wordOrder high", [0x1234, 0x1234, 0x5678, 0x4241])])
-def test_byte_order(new_station, big, option, wanted):
-    """bigEndian={big} {option}: a register is the number of its two bytes in the PLC's order"""
-    s = new_station("""
-        record(longout, "$(P)short") { field(DTYP, "S7plc") field(OUT, "@PLC/0 T=INT16") }
-        record(longout, "$(P)long") { field(DTYP, "S7plc") field(OUT, "@PLC/2 T=INT32") }
-        record(stringout, "$(P)text") { field(DTYP, "S7plc") field(OUT, "@PLC/6 L=2") }
-        """, *[option] if option else [], big=big, registers=4)
-    s.ioc.put("short", 0x1234)
-    s.ioc.put("long", 0x12345678)
-    s.ioc.put("text", "AB")
-    until_equal(lambda: [s.register(i) for i in range(4)], wanted)
+    (0, "", [0x1234, 0x5678, 0x1234, 0x4241]), (0, "wordOrder high", [0x1234, 0x1234, 0x5678, 0x4241])]
+
+
+def test_byte_order(new_peer, new_modbus, new_ioc):
+    """a register is the number of its two bytes in the PLC's order, whatever bigEndian and wordOrder are"""
+    lines, db, plcs = [], "", []
+    for i, (big, option, _) in enumerate(ORDERS):
+        blocks, plc = new_peer(8, 8), new_modbus(size=16)
+        plcs.append(plc)
+        lines += [blocks.configure(name=f"PLC{i}", big=big, recv_timeout=60000),
+                  f's7plcModbusOutput("PLC{i}", "", {plc.port}, 1, 3)']
+        lines += [f"s7plcSetOption PLC{i} {option}"] if option else []
+        db += f"""
+            record(longout, "$(P)short{i}") {{ field(DTYP, "S7plc") field(OUT, "@PLC{i}/0 T=INT16") }}
+            record(longout, "$(P)long{i}") {{ field(DTYP, "S7plc") field(OUT, "@PLC{i}/2 T=INT32") }}
+            record(stringout, "$(P)text{i}") {{ field(DTYP, "S7plc") field(OUT, "@PLC{i}/6 L=2") }}
+            """
+    ioc = new_ioc("\n".join(lines), db)
+    for i, (_, _, wanted) in enumerate(ORDERS):
+        ioc.put(f"short{i}", 0x1234)
+        ioc.put(f"long{i}", 0x12345678)
+        ioc.put(f"text{i}", "AB")
+        until_equal(lambda: plcs[i].holding[3:7], wanted)
 
 
 def test_neighbours_together(new_station):
@@ -159,7 +170,7 @@ def test_latest_value(new_station):
 
 def test_holdoff(new_station):
     """holdoff: puts that follow each other in this time leave in one request"""
-    s = new_station(words(50), "holdoff 3000")
+    s = new_station(words(50), "holdoff 2000")
     for i in range(50):
         s.ioc.put(f"o{i}", i + 1)
     s.wait_register(49, 50)
@@ -652,38 +663,40 @@ def test_black_hole(new_peer, new_ioc, black_hole):
 
 # --- What users type -------------------------------------------------------------------------------
 
-GOOD = 's7plcConfigure("PLC", "127.0.0.1", {block}, 8, 20, 1, 20000, 100)'
+GOOD = 's7plcConfigure("{plc}", "127.0.0.1", {block}, 8, 20, 1, 20000, 100)'
 WRONG = {
-    "sync=on": (GOOD, "s7plcSetOption PLC sync on\n" 's7plcModbusOutput("PLC", "", {port}, 1, 0)'),
-    "sync=on behind it": (GOOD, 's7plcModbusOutput("PLC", "", {port}, 1, 0)\n' "s7plcSetOption PLC sync on"),
+    "sync=on": (GOOD, "s7plcSetOption {plc} sync on\n" 's7plcModbusOutput("{plc}", "", {port}, 1, 0)'),
+    "sync=on behind it": (GOOD, 's7plcModbusOutput("{plc}", "", {port}, 1, 0)\n' "s7plcSetOption {plc} sync on"),
     "a PLC that is not there": (GOOD, 's7plcModbusOutput("NOPLC", "", {port}, 1, 0)'),
     "no arguments": (GOOD, "s7plcModbusOutput"),
-
-    "port 70000": (GOOD, 's7plcModbusOutput("PLC", "", 70000, 1, 0)'),
-    "unit 300": (GOOD, 's7plcModbusOutput("PLC", "", {port}, 300, 0)'),
-    "register 70000": (GOOD, 's7plcModbusOutput("PLC", "", {port}, 1, 70000)'),
-    "registers beyond 65535": (GOOD, 's7plcModbusOutput("PLC", "", {port}, 1, 65530)'),
-    "a second time": (GOOD + '\ns7plcModbusOutput("PLC", "", {port}, 1, 0)', 's7plcModbusOutput("PLC", "", {port}, 1, 0)'),
-    "an odd outSize": (GOOD.replace("20,", "21,"), 's7plcModbusOutput("PLC", "", {port}, 1, 0)'),
-    "no output block": (GOOD.replace("20,", "0,"), 's7plcModbusOutput("PLC", "", {port}, 1, 0)'),
-    "a PLC that is all Modbus": ('modbusplcConfigure("PLC", "127.0.0.1", {port}, 1, "holding 0 4", "holding 0 10")', 's7plcModbusOutput("PLC", "", {port}, 1, 0)'),
+    "port 70000": (GOOD, 's7plcModbusOutput("{plc}", "", 70000, 1, 0)'),
+    "unit 300": (GOOD, 's7plcModbusOutput("{plc}", "", {port}, 300, 0)'),
+    "register 70000": (GOOD, 's7plcModbusOutput("{plc}", "", {port}, 1, 70000)'),
+    "registers beyond 65535": (GOOD, 's7plcModbusOutput("{plc}", "", {port}, 1, 65530)'),
+    "a second time": (GOOD + '\ns7plcModbusOutput("{plc}", "", {port}, 1, 0)', 's7plcModbusOutput("{plc}", "", {port}, 1, 0)'),
+    "an odd outSize": (GOOD.replace("20,", "21,"), 's7plcModbusOutput("{plc}", "", {port}, 1, 0)'),
+    "no output block": (GOOD.replace("20,", "0,"), 's7plcModbusOutput("{plc}", "", {port}, 1, 0)'),
+    "a PLC that is all Modbus": ('modbusplcConfigure("{plc}", "127.0.0.1", {port}, 1, "holding 0 4", "holding 0 10")', 's7plcModbusOutput("{plc}", "", {port}, 1, 0)'),
 }
 
 
-@pytest.mark.parametrize("good, wrong", WRONG.values(), ids=WRONG.keys())
-def test_wrong(new_peer, new_modbus, new_ioc, good, wrong):
-    """s7plcModbusOutput with {id}: refused in one line, the IOC and the PLC's input go on"""
-    blocks, plc = new_peer(8, 20), new_modbus()
-    good, wrong = (text.replace("{block}", str(blocks.port)).replace("{port}", str(plc.port))
-                   for text in (good, wrong))
-    ioc = new_ioc(f"{good}\n{wrong}", IN)
-    errors = [line for line in ioc.log.splitlines() if "s7plcModbusOutput" in line or "option sync" in line]
-    errors = [line for line in errors if line not in (good + "\n" + wrong).splitlines()]
-    assert len(errors) == 1, ioc.log
-    if "modbusplc" not in good:
-        blocks.wait_connected()
-        blocks.every(0.05, b"\0\5" + bytes(6))
-        ioc.wait_value("in", 5)
+def test_wrong(new_peer, new_modbus, new_ioc):
+    """s7plcModbusOutput with wrong arguments: refused in one line each, the IOC and its PLCs go on"""
+    blocks, others, plc = new_peer(8, 20), new_peer(8, 20), new_modbus()
+    lines = []
+    for i, texts in enumerate(WRONG.values()):
+        for old, new in ("{block}", others.port), ("{port}", plc.port), ("{plc}", f"P{i}"):
+            texts = [text.replace(old, str(new)) for text in texts]
+        lines += "\n".join(texts).splitlines()
+    ioc = new_ioc("\n".join([blocks.configure(recv_timeout=20000), *lines]), IN)
+    errors = [line for line in ioc.log.splitlines() if line not in lines and
+              ("s7plcModbusOutput" in line or "option sync" in line)]
+    assert len(errors) == len(WRONG), "\n".join(errors)
+    for (name, texts), error in zip(WRONG.items(), errors):
+        assert ("sync" in error) == ("sync" in name), (name, error)
+    blocks.wait_connected()
+    blocks.every(0.05, b"\0\5" + bytes(6))
+    ioc.wait_value("in", 5)
 
 
 def test_pair_refused(new_peer, new_modbus, new_ioc):
