@@ -79,6 +79,10 @@ struct plcModbus {
     int hasNews;
     unsigned moreLog; /* lines for which there was no room */
     epicsUInt8 *inNews, *outNews;
+    epicsUInt8 *healed;       /* bits of inNews that were refused before */
+    epicsUInt8 *healing;      /* the same of the image that was taken last: their fault ends
+                               * when the records have it */
+    int someHealed, someHealing;
 
     /* the worker's own */
     session session;
@@ -127,6 +131,8 @@ plcModbus *plcModbusCreate(const plcModbusSetup *setup)
     m->ownGlueIn = zeroed(setup->inSize);
     m->in = zeroed(setup->inSize);
     m->inNews = zeroed(setup->inSize);
+    m->healed = zeroed(setup->inSize);
+    m->healing = zeroed(setup->inSize);
     m->glueOut = zeroed(setup->outSize);
     m->ownGlueOut = zeroed(setup->outSize);
     m->out = zeroed(setup->outSize);
@@ -154,6 +160,11 @@ static void endSession(plcModbus *m)
     m->hasNews = m->ordered = m->writing = 0;
     m->moreLog = 0;
     memset(m->owed, 0, m->setup.outSize);
+    memset(m->healed, 0, m->setup.inSize);
+    memset(m->healing, 0, m->setup.inSize);
+    m->someHealed = m->someHealing = 0;
+    if (m->setup.inFaults)
+        plcFaultsClearAll(m->setup.inFaults); /* no data at all says it better */
 }
 
 void plcModbusDestroy(plcModbus *m)
@@ -175,6 +186,8 @@ void plcModbusDestroy(plcModbus *m)
     free(m->ownGlueIn);
     free(m->in);
     free(m->inNews);
+    free(m->healed);
+    free(m->healing);
     free(m->glueOut);
     free(m->ownGlueOut);
     free(m->out);
@@ -276,11 +289,39 @@ void plcModbusWrite(plcModbus *m, const void *image, const void *mask)
     epicsEventSignal(m->event);
 }
 
+/* What was refused is good again, and the records have it: the caller has come back. The
+ * lock is held. */
+static void heal(plcModbus *m)
+{
+    if (!m->someHealing)
+        return;
+    if (plcFaultsClear(m->setup.inFaults, 0, m->setup.inSize, m->healing))
+        m->news.inFaults = m->hasNews = 1;
+    memset(m->healing, 0, m->setup.inSize);
+    m->someHealing = 0;
+}
+
+/* The caller takes an image; with it what is good again in it. The lock is held. */
+static void takeHealed(plcModbus *m)
+{
+    epicsUInt8 *none = m->healing;
+
+    if (!m->someHealed)
+        return;
+    m->healing = m->healed;
+    m->healed = none;
+    m->someHealing = 1;
+    m->someHealed = 0;
+}
+
 int plcModbusTake(plcModbus *m, plcModbusNews *news, void *input, void *output)
 {
-    int has;
+    int has, again;
 
     epicsMutexMustLock(m->lock);
+    heal(m);
+    if (m->news.blocks)
+        takeHealed(m);
     has = m->hasNews;
     *news = m->news;
     news->idle = !m->ordered && !m->writing;
@@ -295,7 +336,10 @@ int plcModbusTake(plcModbus *m, plcModbusNews *news, void *input, void *output)
     memset(&m->news, 0, sizeof(m->news));
     m->hasNews = 0;
     m->moreLog = 0;
+    again = m->someHealing;
     epicsMutexUnlock(m->lock);
+    if (again)
+        m->setup.wake(m->setup.arg);
     return has;
 }
 
@@ -823,6 +867,20 @@ static int split(plcModbus *m, unsigned at)
     return 1;
 }
 
+/* These bits are good again in the image that is news next, or are not. The lock is held. */
+static void markHealed(plcModbus *m, size_t offset, size_t size, const epicsUInt8 *mask,
+                       int good)
+{
+    size_t i;
+
+    for (i = 0; i < size; i++) {
+        m->healed[offset + i] &= (epicsUInt8)~mask[i];
+        m->healing[offset + i] &= (epicsUInt8)~mask[i];
+        m->healed[offset + i] |= good ? mask[i] : 0;
+    }
+    m->someHealed |= good;
+}
+
 static void inputRead(plcModbus *m, turn *t, int code)
 {
     const plcRequest *q = &t->request;
@@ -838,14 +896,13 @@ static void inputRead(plcModbus *m, turn *t, int code)
         epicsUInt8 mask[maskMax];
 
         pieceMask(q, p, mask);
-        if (code) {
+        if (code)
             changed |= plcFaultsSet(m->setup.inFaults, p->offset, pieceBytes(q, p), mask,
                                     reason);
-        } else {
+        else
             store(m, q, p, m->in);
-            changed |=
-                plcFaultsClear(m->setup.inFaults, p->offset, pieceBytes(q, p), mask);
-        }
+        if (t->refused || code)
+            markHealed(m, p->offset, pieceBytes(q, p), mask, !code);
     }
     if (t->refused != !!code)
         note(m, "read of %s: %s", where(q, text), code ? reason : "good again");

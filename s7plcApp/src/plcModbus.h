@@ -32,7 +32,9 @@ typedef struct plcModbusSetup {
     unsigned outputCount;
     size_t outSize;
     plcFaults *inFaults;    /* where refused reads are put down: the part of a range that
-                             * was in the request, once it is read by itself */
+                             * was in the request, once it is read by itself. A fault ends
+                             * when the caller of plcModbusTake, who got the good bytes,
+                             * comes back for more */
     plcFaults *outFaults;   /* and refused or unanswered writes, bit by bit */
     void (*wake)(void *arg); /* there may be news: any thread; no lock is held */
     void *arg;

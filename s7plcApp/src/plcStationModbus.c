@@ -159,8 +159,6 @@ void plcWireDown(plcStation *s)
     s->modbus.waiting = 0;
     plcModbusStop(s->modbus.worker);
     epicsAtomicSetIntT(&s->taken, 0);
-    if (s->modbus.inFaults)
-        plcFaultsClearAll(s->modbus.inFaults); /* no data at all says it better */
 }
 
 /* --- News ---------------------------------------------------------------------------------*/

@@ -668,6 +668,8 @@ static void testRefusedRange(void)
     UNTIL(w, w->all.blocks > blocks + 1 && plcAsked(p, 3, 99));
     testOk(plcLog(p, 0).count <= 50, "from then on each is read by itself");
     plcSetRules(p, NULL, 0);
+    UNTIL(w, get16(w->input + 100) == 0x1032);
+    testOk(fault(w->inFaults, 100, 100)[0], "a fault does not end before its bytes are there");
     UNTIL(w, !fault(w->inFaults, 100, 100)[0]);
     blocks = w->all.blocks;
     UNTIL(w, w->all.blocks > blocks);
@@ -1293,7 +1295,7 @@ static void testDescriptors(void)
 
 MAIN(modbusTest)
 {
-    testPlan(104);
+    testPlan(105);
     testInputs();
     testLittleEndian();
     testPeriods();
