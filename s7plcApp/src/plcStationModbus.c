@@ -125,10 +125,9 @@ static void startWhenReady(plcStation *s)
     if (!m->waiting || !epicsAtomicGetIntT(&s->ready))
         return;
     m->waiting = 0;
-    in = glueOf(s, 0);
+    in = m->wire.inputCount ? glueOf(s, 0) : NULL;
     out = glueOf(s, 1);
-    plcModbusStart(m->worker, s->lines[m->line].connection.socket,
-                   m->wire.inputCount ? in : NULL, out);
+    plcModbusStart(m->worker, s->lines[m->line].connection.socket, in, out);
     free(in);
     free(out);
 }

@@ -1,0 +1,169 @@
+/* Inside of the worker of a Modbus PLC; only for plcModbus.c, plcModbusAsk.c,
+ * plcModbusReads.c and plcModbusWrites.c.
+ *
+ * The worker's thread alone uses `session` and calls libmodbus, never with the lock held.
+ * What goes between it and the station's thread is in the structure under the lock. Each
+ * start and stop makes a new generation: the worker gives nothing away, and takes
+ * nothing, when its session is of an older one.
+ */
+#ifndef INC_plcModbusPvt_H
+#define INC_plcModbusPvt_H
+
+#include <epicsEvent.h>
+#include <epicsMutex.h>
+#include <epicsThread.h>
+
+#include "plcModbus.h"
+#include "plcModbusWire.h"
+
+#define PLC_WORKER_NEVER (~(epicsUInt64)0)
+#define NS_PER_MS 1000000ull
+
+enum {
+    maskMax = 256 /* bytes of the image in one piece of a request, at most 251 */
+};
+
+/* A read that comes back by its period */
+typedef struct turn {
+    plcRequest request;
+    int output;      /* of the output ranges */
+    epicsUInt64 due; /* ns */
+    int refused;     /* by the PLC, the last time */
+} turn;
+
+/* One connection, the worker's own. */
+typedef struct session {
+    unsigned generation;
+    int on;
+    char lost[PLC_REASON_SIZE]; /* why the connection is; "": it is not */
+    plcModbusOptions options;   /* a copy, made before each step */
+    turn *turns;
+    unsigned turnCount, room;
+    epicsUInt64 round; /* reads due by then belong to this round; 0: none */
+    int inputsRead;    /* some, in this round */
+    int inputsTried;   /* all of them, once */
+    int outputsTried;
+    char refusal[PLC_REASON_SIZE]; /* of an output range, in this round; "": none */
+    char unread[PLC_REASON_SIZE];  /* why the outputs are not shown; "": they are */
+    int knowsIn, knowsOut;         /* where values lie */
+    int noMaskWrite;               /* the PLC has no FC22 */
+    epicsUInt64 beat;              /* ns, when the heartbeat is due */
+    int beatRefused;
+} session;
+
+struct plcModbus {
+    char name[40];
+    plcModbusSetup setup;
+    plcModbusWire *wire;
+    epicsEventId event;
+    epicsThreadId thread;
+
+    epicsMutexId lock; /* guards from here on */
+    int ending;
+    plcModbusOptions options;
+    unsigned generation;
+    int running;   /* started and not stopped */
+    SOCKET handed; /* for the worker; INVALID_SOCKET: none */
+    epicsUInt8 *glueIn, *glueOut;
+    int knowsIn, knowsOut;    /* glue was given */
+    epicsUInt8 *order, *owed; /* newest values, and which bits have not left */
+    int ordered;              /* some bits of owed are set */
+    int writing;              /* a write is under way */
+    plcModbusNews news;
+    int hasNews;
+    unsigned moreLog; /* lines for which there was no room */
+    epicsUInt8 *inNews, *outNews;
+    epicsUInt8 *healed;  /* bits of inNews that were refused before */
+    epicsUInt8 *healing; /* the same of the image that was taken last: their fault ends
+                          * when the records have it */
+    int someHealed, someHealing;
+
+    /* the worker's own */
+    session session;
+    epicsUInt8 *in, *out;         /* the images as the PLC has them */
+    epicsUInt8 *leaving, *values; /* bits that a plan is still to write, their values */
+    epicsUInt8 *unsure;           /* bits under way when a connection ended */
+    epicsUInt8 *ownGlueIn, *ownGlueOut;
+    plcPiece *pieces;
+    epicsUInt16 beatCount;
+    epicsUInt16 registers[PLC_READ_REGISTERS];
+    epicsUInt8 bits[PLC_READ_BITS]; /* one each, as libmodbus has them */
+};
+
+/* The next time after `now` in step with `due`. */
+static inline epicsUInt64 plcWorkerNext(epicsUInt64 due, epicsUInt64 period,
+                                        epicsUInt64 now)
+{
+    return due > now ? due : due + period * ((now - due) / period + 1);
+}
+
+/* --- plcModbus.c: what the worker tells -------------------------------------------- */
+
+/* Locks, if the session is still the one that counts. Returns 0 when it is not. */
+int plcWorkerEnter(plcModbus *m);
+
+/* Ends what plcWorkerEnter began; there is news. */
+void plcWorkerTell(plcModbus *m);
+
+/* A line for the log; the lock is held. */
+void plcWorkerNote(plcModbus *m, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
+
+/* "holding 100" or "coils 0 to 9" */
+const char *plcWorkerWhere(const plcRequest *q, char text[40]);
+
+/* "PLC: exception 2, illegal data address" */
+void plcWorkerReason(int code, char reason[PLC_REASON_SIZE]);
+
+/* Bits of `from` that are set in the mask, into `to`. */
+void plcWorkerMix(epicsUInt8 *to, const epicsUInt8 *from, const epicsUInt8 *mask,
+                  size_t size);
+
+/* --- plcModbusAsk.c: one request, and where it lies in an image -------------------- */
+
+/* Sends a request and waits for its answer; the values are in m->registers or m->bits. A
+ * PLC that is busy is asked again for as long as a request may take. Returns 0, the code
+ * of an exception, or -1: the session is over. When that is because the connection is
+ * lost, session.lost says why; the caller of all these functions tells it. */
+int plcWorkerAsk(plcModbus *m, const plcRequest *q);
+
+/* Can it help to ask for less? Not where the PLC refuses the function, or can do nothing.
+ */
+int plcWorkerLessMayHelp(int code);
+
+int plcWorkerIsBits(plcTable table);
+
+/* The pieces of a request in the input or output image, into m->pieces; their number. */
+unsigned plcWorkerInPieces(plcModbus *m, const plcRequest *q);
+unsigned plcWorkerOutPieces(plcModbus *m, const plcRequest *q);
+
+/* Of one piece: its bytes, and which bits of them belong to it. */
+size_t plcWorkerPieceBytes(const plcRequest *q, const plcPiece *p);
+void plcWorkerPieceMask(const plcRequest *q, const plcPiece *p, epicsUInt8 *mask);
+
+/* A register in an image. */
+epicsUInt16 plcWorkerGetRegister(const plcModbus *m, const epicsUInt8 *at);
+
+/* A piece: from m->registers or m->bits into an image, and the other way. */
+void plcWorkerStore(plcModbus *m, const plcRequest *q, const plcPiece *p,
+                    epicsUInt8 *image);
+void plcWorkerLoad(plcModbus *m, const plcRequest *q, const plcPiece *p,
+                   const epicsUInt8 *image);
+
+/* --- plcModbusWrites.c ------------------------------------------------------------- */
+
+/* Writes what is ordered now. Returns 0, or -1: the session is over. */
+int plcWorkerWriteAll(plcModbus *m);
+
+/* --- plcModbusReads.c -------------------------------------------------------------- */
+
+/* A new session: the reads that come back by their periods, all due now. */
+void plcWorkerPlan(plcModbus *m);
+
+/* Makes one read, if one is due. Returns when to go on, monotonic ns, 0: at once; or
+ * PLC_WORKER_NEVER. */
+epicsUInt64 plcWorkerPoll(plcModbus *m);
+
+/* When a read that was made, or whose period has changed, is due again. */
+void plcWorkerSetDue(session *s, turn *t);
+
+#endif /* INC_plcModbusPvt_H */

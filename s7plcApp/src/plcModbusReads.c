@@ -1,0 +1,250 @@
+/* The reads of a Modbus PLC, each by its period, and what becomes of the answers; see
+ * plcModbusPvt.h. All functions run in the worker's thread. */
+#include <stdlib.h>
+#include <string.h>
+
+#include <cantProceed.h>
+
+#include "plcModbusPvt.h"
+
+static void addTurn(session *s, const plcRequest *q, int output, epicsUInt64 due)
+{
+    if (s->turnCount == s->room) {
+        s->room = s->room * 2 + 16;
+        s->turns = realloc(s->turns, s->room * sizeof(*s->turns));
+        if (!s->turns)
+            cantProceed("plcModbus: no memory for %u requests\n", s->room);
+    }
+    s->turns[s->turnCount++] = (turn){*q, output, due, 0};
+}
+
+/* A read that was refused comes again as one for each range. Returns 0 when it is of one
+ * range only. */
+static int split(plcModbus *m, unsigned at)
+{
+    session *s = &m->session;
+    turn t = s->turns[at];
+    const plcRange *ranges = t.output ? m->setup.outputs : m->setup.inputs;
+    unsigned count = t.output ? m->setup.outputCount : m->setup.inputCount;
+    unsigned i, end = t.request.start + t.request.count, place = end;
+
+    for (i = 0; i < count; i++) {
+        unsigned start = ranges[i].start, behind = start + ranges[i].count;
+
+        if (ranges[i].table != t.request.table || ranges[i].period != t.request.period)
+            continue;
+        if (start > t.request.start && start < place)
+            place = start;
+        if (behind > t.request.start && behind < place)
+            place = behind;
+    }
+    if (place == end)
+        return 0;
+    s->turns[at].request.count = place - t.request.start;
+    t.request.start = place;
+    t.request.count = end - place;
+    addTurn(s, &t.request, t.output, t.due);
+    split(m, s->turnCount - 1);
+    return 1;
+}
+
+/* These bits are good again in the image that is news next, or are not. The lock is held.
+ */
+static void markHealed(plcModbus *m, size_t offset, size_t size, const epicsUInt8 *mask,
+                       int good)
+{
+    size_t i;
+
+    for (i = 0; i < size; i++) {
+        m->healed[offset + i] &= (epicsUInt8)~mask[i];
+        m->healing[offset + i] &= (epicsUInt8)~mask[i];
+        m->healed[offset + i] |= good ? mask[i] : 0;
+    }
+    m->someHealed |= good;
+}
+
+static void inputRead(plcModbus *m, turn *t, int code)
+{
+    const plcRequest *q = &t->request;
+    unsigned i, n = plcWorkerInPieces(m, q);
+    int changed = 0;
+    char text[40], reason[PLC_REASON_SIZE];
+
+    plcWorkerReason(code, reason);
+    if (!plcWorkerEnter(m))
+        return;
+    for (i = 0; i < n; i++) {
+        const plcPiece *p = &m->pieces[i];
+        epicsUInt8 mask[maskMax];
+
+        plcWorkerPieceMask(q, p, mask);
+        if (code)
+            changed |= plcFaultsSet(m->setup.inFaults, p->offset,
+                                    plcWorkerPieceBytes(q, p), mask, reason);
+        else
+            plcWorkerStore(m, q, p, m->in);
+        if (t->refused || code)
+            markHealed(m, p->offset, plcWorkerPieceBytes(q, p), mask, !code);
+    }
+    if (t->refused != !!code)
+        plcWorkerNote(m, "read of %s: %s", plcWorkerWhere(q, text),
+                      code ? reason : "good again");
+    t->refused = !!code;
+    m->session.inputsRead |= !code;
+    m->news.inFaults |= changed;
+    m->hasNews = 1;
+    epicsMutexUnlock(m->lock);
+}
+
+/* A write without an answer may have come through: where the PLC shows what was written,
+ * it is no fault. The lock is held. */
+static void checkUnsure(plcModbus *m)
+{
+    size_t i;
+
+    for (i = 0; i < m->setup.outSize; i++) {
+        epicsUInt8 good = m->unsure[i];
+
+        good &= (epicsUInt8) ~((m->out[i] ^ m->values[i]) | m->owed[i]);
+        if (!good)
+            continue;
+        m->unsure[i] &= (epicsUInt8)~good;
+        m->news.outFaults |= plcFaultsClear(m->setup.outFaults, i, 1, &good);
+    }
+}
+
+/* All output ranges have been read, or refused. */
+static void tellOutputs(plcModbus *m)
+{
+    session *s = &m->session;
+
+    s->outputsTried = 1;
+    if (!plcWorkerEnter(m))
+        return;
+    if (!s->refusal[0]) {
+        checkUnsure(m);
+        memcpy(m->outNews, m->out, m->setup.outSize);
+        /* What is ordered is newer than what was read. */
+        plcWorkerMix(m->outNews, m->order, m->owed, m->setup.outSize);
+        m->news.shown = 1;
+        m->news.unread[0] = 0;
+    } else if (strcmp(s->refusal, s->unread)) {
+        strcpy(m->news.unread, s->refusal);
+        plcWorkerNote(m, "outputs cannot be read: %s", s->refusal);
+    }
+    strcpy(s->unread, s->refusal);
+    s->refusal[0] = 0;
+    plcWorkerTell(m);
+}
+
+static void outputRead(plcModbus *m, turn *t, int code)
+{
+    session *s = &m->session;
+    unsigned i, n = plcWorkerOutPieces(m, &t->request);
+
+    if (code && !s->refusal[0])
+        plcWorkerReason(code, s->refusal);
+    for (i = 0; i < n && !code; i++)
+        plcWorkerStore(m, &t->request, &m->pieces[i], m->out);
+    for (i = 0; i < s->turnCount; i++)
+        if (s->turns[i].output && s->turns[i].due <= s->round)
+            return;
+    tellOutputs(m);
+}
+
+void plcWorkerSetDue(session *s, turn *t)
+{
+    double period = t->output ? s->options.readPeriod : t->request.period;
+
+    t->due = period > 0 ? plcWorkerNext(t->due, (epicsUInt64)(period * NS_PER_MS),
+                                        epicsMonotonicGet())
+                        : PLC_WORKER_NEVER;
+}
+
+static int readTurn(plcModbus *m, unsigned at)
+{
+    session *s = &m->session;
+    plcRequest q = s->turns[at].request;
+    int code = plcWorkerAsk(m, &q);
+
+    if (code < 0)
+        return -1;
+    if (plcWorkerLessMayHelp(code) && split(m, at))
+        return 0;
+    plcWorkerSetDue(s, &s->turns[at]);
+    (s->turns[at].output ? outputRead : inputRead)(m, &s->turns[at], code);
+    return 0;
+}
+
+/* All reads that were due have been made: the input image is complete. */
+static void endRound(plcModbus *m)
+{
+    session *s = &m->session;
+    int whole = m->setup.inputCount && (s->inputsRead || !s->inputsTried);
+
+    s->round = 0;
+    if (plcWorkerEnter(m)) {
+        if (whole) {
+            memcpy(m->inNews, m->in, m->setup.inSize);
+            epicsTimeGetCurrent(&m->news.stamp);
+            m->news.blocks++;
+        }
+        if (whole || m->news.inFaults)
+            plcWorkerTell(m); /* also when the PLC has just refused all there is */
+        else
+            epicsMutexUnlock(m->lock);
+    }
+    s->inputsTried = 1;
+    s->inputsRead = 0;
+}
+
+/* The read that is due first. */
+static unsigned firstTurn(const session *s)
+{
+    unsigned i, first = 0;
+
+    for (i = 1; i < s->turnCount; i++)
+        if (s->turns[i].due < s->turns[first].due)
+            first = i;
+    return first;
+}
+
+/* One read, if one is due. Returns when to go on, 0: at once; or PLC_WORKER_NEVER. */
+epicsUInt64 plcWorkerPoll(plcModbus *m)
+{
+    session *s = &m->session;
+    unsigned first = firstTurn(s);
+    epicsUInt64 due = s->turnCount ? s->turns[first].due : PLC_WORKER_NEVER;
+    epicsUInt64 now = epicsMonotonicGet();
+
+    if (!s->round && due <= now)
+        s->round = now;
+    if (!s->round)
+        return due;
+    if (due <= s->round)
+        readTurn(m, first);
+    else
+        endRound(m);
+    return 0;
+}
+
+void plcWorkerPlan(plcModbus *m)
+{
+    session *s = &m->session;
+    epicsUInt64 now = epicsMonotonicGet();
+    plcRequest *requests;
+    unsigned i, n;
+
+    n = plcPlanReads(m->setup.outputs, m->setup.outputCount,
+                     s->knowsOut ? m->ownGlueOut : NULL, &requests);
+    for (i = 0; i < n; i++)
+        addTurn(s, &requests[i], 1, now - 1); /* before all others */
+    free(requests);
+    if (n == 0)
+        tellOutputs(m);
+    n = plcPlanReads(m->setup.inputs, m->setup.inputCount,
+                     s->knowsIn ? m->ownGlueIn : NULL, &requests);
+    for (i = 0; i < n; i++)
+        addTurn(s, &requests[i], 0, now);
+    free(requests);
+}

@@ -1,0 +1,190 @@
+/* How what records have put gets into a Modbus PLC; see plcModbusPvt.h. All functions run
+ * in the worker's thread. */
+#include <stdlib.h>
+#include <string.h>
+
+#include <epicsStdio.h>
+
+#include "plcModbusPvt.h"
+
+/* A write's values are fetched when it leaves, so that they are the newest. Returns 0, or
+ * -1 when the session is over. */
+static int fetchValues(plcModbus *m, const plcRequest *q)
+{
+    unsigned i, n = plcWorkerOutPieces(m, q);
+
+    if (!plcWorkerEnter(m))
+        return -1;
+    for (i = 0; i < n; i++) {
+        const plcPiece *p = &m->pieces[i];
+        epicsUInt8 mask[maskMax];
+        size_t k, size = plcWorkerPieceBytes(q, p);
+
+        plcWorkerPieceMask(q, p, mask);
+        plcWorkerMix(m->values + p->offset, m->order + p->offset, mask, size);
+        for (k = 0; k < size; k++) {
+            size_t at = p->offset + k;
+
+            if (q->function == 22) /* newer bits of the same register go with it */
+                m->leaving[at] |= m->owed[at];
+            m->owed[at] &= (epicsUInt8) ~(mask[k] & m->leaving[at]);
+        }
+    }
+    epicsMutexUnlock(m->lock);
+    return 0;
+}
+
+/* The write is through: it was acknowledged (reason ""), or not. */
+static void settle(plcModbus *m, const plcRequest *q, const char *reason)
+{
+    unsigned i, n = plcWorkerOutPieces(m, q);
+    int changed = 0;
+    char text[40];
+
+    if (!plcWorkerEnter(m))
+        return;
+    for (i = 0; i < n; i++) {
+        const plcPiece *p = &m->pieces[i];
+        epicsUInt8 mask[maskMax];
+        size_t k, size = plcWorkerPieceBytes(q, p);
+
+        plcWorkerPieceMask(q, p, mask);
+        for (k = 0; k < size; k++) {
+            epicsUInt8 *unsure = &m->unsure[p->offset + k];
+
+            mask[k] &= m->leaving[p->offset + k];
+            m->leaving[p->offset + k] &= (epicsUInt8)~mask[k];
+            *unsure &= (epicsUInt8)~mask[k];
+            *unsure |= m->session.lost[0] ? mask[k] : 0;
+        }
+        if (reason[0]) {
+            changed |= plcFaultsSet(m->setup.outFaults, p->offset, size, mask, reason);
+        } else {
+            changed |= plcFaultsClear(m->setup.outFaults, p->offset, size, mask);
+            plcWorkerMix(m->out + p->offset, m->values + p->offset, mask, size);
+        }
+    }
+    if (changed && reason[0] && !m->session.lost[0])
+        plcWorkerNote(m, "write of %s: %s", plcWorkerWhere(q, text), reason);
+    m->news.writes += !reason[0];
+    m->news.outFaults |= changed;
+    plcWorkerTell(m);
+}
+
+/* Sets only some bits of a register. Returns as plcWorkerAsk does. */
+static int readModifyWrite(plcModbus *m, const plcRequest *q, epicsUInt16 mask,
+                           epicsUInt16 value)
+{
+    plcRequest read = {3, q->table, q->start, 1, 0};
+    plcRequest write = {6, q->table, q->start, 1, 0};
+    int status = plcWorkerAsk(m, &read);
+
+    if (status)
+        return status;
+    m->registers[0] = (epicsUInt16)((m->registers[0] & ~mask) | (value & mask));
+    return plcWorkerAsk(m, &write);
+}
+
+/* FC22, or what takes its place. Returns as plcWorkerAsk does; 1 where the PLC has no
+ * FC22. */
+static int writeBits(plcModbus *m, const plcRequest *q)
+{
+    epicsUInt16 mask, value;
+    int status;
+
+    if (plcWorkerOutPieces(m, q) == 0)
+        return 0;
+    mask = plcWorkerGetRegister(m, m->leaving + m->pieces[0].offset);
+    value = plcWorkerGetRegister(m, m->values + m->pieces[0].offset);
+    if (!m->session.noMaskWrite) {
+        m->registers[0] = (epicsUInt16)~mask;
+        m->registers[1] = value & mask;
+        status = plcWorkerAsk(m, q);
+        if (status != 1)
+            return status;
+        m->session.noMaskWrite = 1;
+    }
+    return m->session.options.readModifyWrite ? readModifyWrite(m, q, mask, value) : 1;
+}
+
+static int writeWhole(plcModbus *m, const plcRequest *q)
+{
+    unsigned i, n = plcWorkerOutPieces(m, q);
+
+    for (i = 0; i < n; i++)
+        plcWorkerLoad(m, q, &m->pieces[i], m->values);
+    return plcWorkerAsk(m, q);
+}
+
+/* With singleWrite a PLC may have no function for more than one. */
+static int halvesMayHelp(const plcModbus *m, int code)
+{
+    return plcWorkerLessMayHelp(code) || (code == 1 && m->session.options.singleWrite);
+}
+
+static int writeOne(plcModbus *m, const plcRequest *request);
+
+/* Returns as writeOne does. */
+static int refused(plcModbus *m, const plcRequest *q, int code)
+{
+    plcRequest half[2];
+    char reason[PLC_REASON_SIZE];
+
+    if (halvesMayHelp(m, code) &&
+        plcPlanHalve(m->setup.outputs, m->setup.outputCount,
+                     m->session.knowsOut ? m->ownGlueOut : NULL, q, half))
+        return writeOne(m, &half[0]) || writeOne(m, &half[1]) ? -1 : 0;
+    plcWorkerReason(code, reason);
+    if (q->function == 22 && code == 1 && !m->session.options.readModifyWrite)
+        epicsSnprintf(reason, sizeof(reason), "PLC has no FC22: set maskWrite=rmw");
+    settle(m, q, reason);
+    return 0;
+}
+
+/* Writes, in parts where the PLC refuses the whole. Returns 0, or -1: session over. */
+static int writeOne(plcModbus *m, const plcRequest *request)
+{
+    plcRequest q = *request;
+    int status;
+
+    if (q.count == 1 && q.function != 22 && m->session.options.singleWrite)
+        q.function = plcWorkerIsBits(q.table) ? 5 : 6;
+    if (fetchValues(m, &q))
+        return -1;
+    status = q.function == 22 ? writeBits(m, &q) : writeWhole(m, &q);
+    if (status > 0)
+        return refused(m, &q, status);
+    if (status == 0 || m->session.lost[0])
+        settle(m, &q, m->session.lost);
+    return status;
+}
+
+/* What is ordered now. Returns 0, or -1: the session is over. */
+int plcWorkerWriteAll(plcModbus *m)
+{
+    plcRequest *requests;
+    unsigned i, n;
+    int status = 0;
+
+    if (!plcWorkerEnter(m))
+        return -1;
+    m->writing = m->ordered;
+    m->ordered = 0;
+    memcpy(m->leaving, m->owed, m->setup.outSize);
+    memset(m->owed, 0, m->setup.outSize);
+    i = m->writing;
+    epicsMutexUnlock(m->lock);
+    if (!i)
+        return 0;
+    n = plcPlanWrites(m->setup.outputs, m->setup.outputCount, m->leaving,
+                      m->session.knowsOut ? m->ownGlueOut : NULL,
+                      m->session.options.singleWrite, &requests);
+    for (i = 0; i < n && status == 0; i++)
+        status = writeOne(m, &requests[i]);
+    free(requests);
+    if (plcWorkerEnter(m)) {
+        m->writing = 0;
+        plcWorkerTell(m);
+    }
+    return status;
+}
