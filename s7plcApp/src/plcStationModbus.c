@@ -136,7 +136,6 @@ void plcWireUp(plcStation *s)
 {
     plcModbusSide *m = &s->modbus;
 
-    m->shown = m->unread = 0;
     m->ordered = 0;
     m->waiting = 1;
     startWhenReady(s);
@@ -155,8 +154,11 @@ void plcWireLost(plcStation *s, const char *why)
 
 void plcWireDown(plcStation *s)
 {
-    s->modbus.waiting = 0;
-    plcModbusStop(s->modbus.worker);
+    plcModbusSide *m = &s->modbus;
+
+    m->waiting = 0;
+    plcModbusStop(m->worker);
+    m->shown = m->unread = 0; /* no block may tell what the next connection is asked for */
     epicsAtomicSetIntT(&s->taken, 0);
 }
 

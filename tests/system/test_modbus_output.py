@@ -468,6 +468,25 @@ def test_some_follow(new_station):
     assert [s.register(i) for i in range(3)] == [5, 102, 103]
 
 
+def test_shown_again(new_station):
+    """R= where the PLC does not show its registers: the block tells; as soon as it does, they do"""
+    s = new_station("""
+        record(longout, "$(P)plc") { field(DTYP, "S7plc") field(OUT, "@PLC/2 R=2") field(VAL, "6") }
+        """, start=False)
+    s.plc.without(3)
+    s.start(ready=False)
+    s.ioc.wait_value("plc", 0)  # what the block shows
+    s.plc.power_off()
+    s.ioc.wait_log("Modbus disconnected")
+    s.plc.heal()
+    s.holding[101] = 77
+    s.show(6)                   # a block while Modbus is down
+    s.ioc.wait_value("in", 6)
+    s.plc.power_on()
+    s.ioc.wait_value("plc", 77)
+    assert s.plc.writes() == []
+
+
 def test_track(new_station):
     """track=on: outputs follow what the HMI writes, and nothing is written because of it"""
     s = new_station(words(3), *OFTEN, "track on")
