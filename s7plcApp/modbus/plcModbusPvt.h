@@ -90,10 +90,11 @@ struct plcModbus {
     epicsUInt8 bits[PLC_READ_BITS]; /* one each, as libmodbus has them */
 };
 
-/* The next time after `now` in step with `due`. */
+/* The next time after `now` in step with `due`; a period has a millisecond at least. */
 static inline epicsUInt64 plcWorkerNext(epicsUInt64 due, epicsUInt64 period,
                                         epicsUInt64 now)
 {
+    period = period < NS_PER_MS ? NS_PER_MS : period;
     return due > now ? due : due + period * ((now - due) / period + 1);
 }
 

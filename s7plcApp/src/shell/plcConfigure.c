@@ -14,7 +14,8 @@
 #include "plcResolver.h"
 
 /* A number among the arguments. A missing one has its initial value; where that is -1, it
- * must be given. */
+ * must be given. A time is the option of the same name: without `allowed` that table says
+ * what it may be. */
 typedef struct numberArg {
     const char *name;
     epicsInt32 initial, min, max;
@@ -27,8 +28,8 @@ static const numberArg numbers[] = {
     {"inSize",       -1,   0,  PLC_BLOCK_MAX, 0, "0 to 16777216 bytes"                },
     {"outSize",      -1,   0,  PLC_BLOCK_MAX, 0, "0 to 16777216 bytes"                },
     {"bigEndian",    0,    0,  1,             0, "0 (LSB first) or 1 (MSB first)"     },
-    {"recvTimeout",  2000, 10, 3600000,       1, "10 to 3600000 ms, or 0 for 2000"    },
-    {"sendInterval", 1000, 1,  3600000,       1, "1 to 3600000 ms, or 0 for 1000"     },
+    {.name = "recvTimeout"},
+    {.name = "sendInterval"},
 };
 enum { port, inSize, outSize, bigEndian, recvTimeout, sendInterval };
 
@@ -36,8 +37,7 @@ static const numberArg modbusPort = {"port", 502, 1, 65535, 1, "1 to 65535, or 0
 static const numberArg unit = {"unit", 1, 0, 255, 0, "0 to 255"};
 static const numberArg startRegister = {"startRegister", -1, 0, 65535, 0,
                                         "0 to 65535, the first register is 0"};
-static const numberArg requestTimeout = {"requestTimeout", 1000, 10, 60000, 1,
-                                         "10 to 60000 ms, or 0 for 1000"};
+static const numberArg requestTimeout = {.name = "requestTimeout"};
 
 static plcStation *refuse(const char *command, const char *name, const char *format, ...)
 {
@@ -85,11 +85,33 @@ static int isHost(const char *host)
     return i <= PLC_NAME_MAX;
 }
 
+/* What the option of the same name may be, as an argument. */
+static numberArg optionArg(const char *option, char *allowed, size_t size)
+{
+    double min = 0, max = 0, initial = 0;
+    numberArg arg = {.name = option, .zeroMeansInitial = 1, .allowed = allowed};
+
+    plcOptionsLimits(option, &min, &max, &initial);
+    arg.min = (epicsInt32)min;
+    arg.max = (epicsInt32)max;
+    arg.initial = (epicsInt32)initial;
+    epicsSnprintf(allowed, size, "%d to %d ms, or 0 for %d", (int)arg.min, (int)arg.max,
+                  (int)arg.initial);
+    return arg;
+}
+
 /* A whole number, or its initial value when it is missing. Returns 0, or -1 after the error
  * line. */
 static int number(const char *command, const char *name, const numberArg *arg,
                   const char *text, epicsInt32 *value)
 {
+    char allowed[60];
+    numberArg option;
+
+    if (!arg->allowed) {
+        option = optionArg(arg->name, allowed, sizeof(allowed));
+        arg = &option;
+    }
     *value = arg->initial;
     if (!text && arg->initial >= 0)
         return 0;

@@ -12,6 +12,7 @@
 
 typedef enum {
     optNumber, /* a double from min to max */
+    optPeriod, /* the same, or 0: off. What comes back in short turns has a least length */
     optChoice, /* one of the words in `words`, stored as its index */
     optOffset, /* "off" or a byte offset; "offset,word" when `words` is set */
     optPlace,  /* "off" or a number of `unit`, such as register */
@@ -39,13 +40,13 @@ static const optRow rows[] = {
  "silence from block to block after which the connection is given up"},
 {"sendInterval",   optNumber, AT(sendInterval),   0, 1,  3600000, "ms", NULL, 1000, 0,
  "two output blocks are at least this far apart"},
-{"holdoff",        optNumber, AT(holdoff),        0, 0,  10000,   "ms", NULL, 0.2,  0,
+{"holdoff",        optPeriod, AT(holdoff),        0, 0.1, 10000,   "ms", NULL, 0.2,  0,
  "the first write after a pause waits this long for others to join its block"},
-{"heartbeat",      optNumber, AT(heartbeat),      0, 0,  3600000, "ms", NULL, 0,    0,
+{"heartbeat",      optPeriod, AT(heartbeat),      0, 1, 3600000, "ms", NULL, 0,    0,
  "send the output block again when nothing was sent for so long; 0: never"},
 {"offlineWrites",  optChoice, AT(offlineWrites),  0, 0,  0, "", "keep|reject",  0,  0,
  "puts while the PLC is away: sent on reconnect, or refused"},
-{"minUpdate",      optNumber, AT(minUpdate),      0, 0,  3600000, "ms", NULL, 0,    0,
+{"minUpdate",      optPeriod, AT(minUpdate),      0, 1, 3600000, "ms", NULL, 0,    0,
  "records take at most one block in this time, the newest; 0: every block"},
 {"scan",           optChoice, AT(scan),           0, 0,  0, "", "all|changed",  0,  1,
  "I/O Intr processes all input records at each block, or those whose bytes changed"},
@@ -69,11 +70,11 @@ static const optRow rows[] = {
  "which 16-bit word of values of 4 and 8 bytes comes first; bytes: as they are ordered"},
 {"connectTimeout", optNumber, AT(connectTimeout), 0, 50, 60000,   "ms", NULL, 900,  0,
  "an attempt to connect is given up after this time, and the next one begins"},
-{"pingPeriod",     optNumber, AT(pingPeriod),     0, 0,  3600000, "ms", NULL, 1000, 0,
+{"pingPeriod",     optPeriod, AT(pingPeriod),     0, 50, 3600000, "ms", NULL, 1000, 0,
  "redundant pair: both PLCs are asked by ICMP echo whether they are there; 0: never"},
 {"requestTimeout", optNumber, AT(requestTimeout), 0, 10, 60000,   "ms", NULL, 1000, 0,
  "Modbus: a request without an answer for so long: the connection is given up"},
-{"readPeriod",     optNumber, AT(readPeriod),     0, 0,  3600000, "ms", NULL, 1000, 0,
+{"readPeriod",     optPeriod, AT(readPeriod),     0, 10, 3600000, "ms", NULL, 1000, 0,
  "Modbus: the output registers are read again so often; 0: only at connect"},
 {"singleWrite",    optChoice, AT(singleWrite),    0, 0,  0, "", "off|on",       0,  0,
  "Modbus: a single register is written by function 6, a single coil by function 5"},
@@ -103,6 +104,20 @@ void plcOptionsDefault(plcOptions *o)
             *(double *)field(o, rows[i].field) = rows[i].initial;
     }
     o->aliveType = plcTypeFind("UINT16", 6);
+}
+
+int plcOptionsLimits(const char *key, double *min, double *max, double *initial)
+{
+    size_t i;
+
+    for (i = 0; i < ROWS; i++)
+        if (rows[i].kind == optNumber && strcmp(rows[i].key, key) == 0) {
+            *min = rows[i].min;
+            *max = rows[i].max;
+            *initial = rows[i].initial;
+            return 0;
+        }
+    return -1;
 }
 
 /* The index of `word` in "a|b|c", or -1. */
@@ -138,7 +153,9 @@ static void describe(const optRow *row, char *text, size_t size)
 
     switch (row->kind) {
     case optNumber:
-        epicsSnprintf(text, size, "%.10g to %.10g %s", row->min, row->max, row->unit);
+    case optPeriod:
+        epicsSnprintf(text, size, "%s%.10g to %.10g %s",
+                      row->kind == optPeriod ? "0, or " : "", row->min, row->max, row->unit);
         break;
     case optChoice:
         epicsSnprintf(text, size, "%s", row->words);
@@ -162,10 +179,12 @@ static int setNumber(const optRow *row, plcOptions *o, const char *value)
 {
     double number;
 
-    if (epicsParseDouble(value, &number, NULL) || !isfinite(number) ||
-        number < row->min || number > row->max)
+    if (epicsParseDouble(value, &number, NULL) || !isfinite(number))
         return -1;
-    *(double *)field(o, row->field) = number;
+    if ((number < row->min || number > row->max) &&
+        !(number == 0 && row->kind == optPeriod))
+        return -1;
+    *(double *)field(o, row->field) = number == 0 ? 0 : number; /* no -0 */
     return 0;
 }
 
@@ -194,7 +213,8 @@ static int setOffset(const optRow *row, plcOptions *o, const char *value)
         *(double *)field(o, row->field) = PLC_OFF;
         return 0;
     }
-    if (epicsParseUInt32(value, &offset, 0, &rest) || offset > row->max)
+    if (strchr(value, '-') || epicsParseUInt32(value, &offset, 0, &rest) ||
+        offset > row->max)
         return -1;
     if (*rest == ',' && row->kind == optAlive) {
         type = plcTypeFind(rest + 1, strlen(rest + 1));
@@ -219,7 +239,7 @@ int plcOptionsSet(plcOptions *o, const char *key, const char *value, int running
                   char *error, size_t size)
 {
     static int (*const set[])(const optRow *, plcOptions *, const char *) = {
-        setNumber, setChoice, setOffset, setOffset, setOffset};
+        setNumber, setNumber, setChoice, setOffset, setOffset, setOffset};
     char allowed[200];
     size_t i;
     int used;
@@ -260,7 +280,7 @@ static void valueText(const optRow *row, const plcOptions *o, char *text, size_t
         return;
     }
     number = *(double *)field(any, row->field);
-    if (row->kind == optNumber) {
+    if (row->kind <= optPeriod) {
         epicsSnprintf(text, size, "%.10g", number);
     } else if (number < 0) {
         epicsSnprintf(text, size, "off");

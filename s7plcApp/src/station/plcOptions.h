@@ -48,6 +48,10 @@ typedef struct plcOptions {
 
 void plcOptionsDefault(plcOptions *options);
 
+/* What a number may be, and what it is unless set: for arguments that stand for an option.
+ * Returns 0, or -1: no option of this key is a number. */
+int plcOptionsLimits(const char *key, double *min, double *max, double *initial);
+
 /* Sets one option from text. `running` is true after iocInit: some options are only good
  * before. Returns 0, or -1 with a message that says what is allowed. */
 int plcOptionsSet(plcOptions *options, const char *key, const char *value, int running,
