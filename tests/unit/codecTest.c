@@ -46,6 +46,7 @@ static const struct {
     {"STRING",   "STRING"},
     {"TIME",     "TIME"  },
     {"BCD",      "TIME"  },
+    {"s7string", "S7STRING"},
     {"int16",    "INT16" },
     {"Float64",  "REAL64"},
     {"longlong", "INT64" },
@@ -99,6 +100,7 @@ static const struct {
     {"REAL64", plcReal,     8, 0,           0           },
     {"STRING", plcString,   1, 0,           0           },
     {"TIME",   plcBcd,      1, 0,           0           },
+    {"S7STRING", plcS7String, 1, 0,         0           },
 };
 
 static void testTypes(void)
@@ -130,12 +132,13 @@ static const struct {
     {"integers to 32 bits and reals", plcInteger | plcReal, 4, 100,
      "INT8 UINT8 INT16 UINT16 INT32 UINT32 REAL32 REAL64"                                    },
     {"strings",                       plcString,            8, 100, "STRING"                 },
+    {"both kinds of text",            plcText,              8, 100, "STRING S7STRING"        },
     {"no kind",                       0,                    8, 100, ""                       },
     {"signed in 10 characters",       plcSigned,            8, 10,  "INT8"                   },
     {"signed in 11 characters",       plcSigned,            8, 11,  "INT8 INT16"             },
     {"signed in 1 character",         plcSigned,            8, 1,   ""                       },
     {"everything",                    ~0u,                  8, 100,
-     "INT8 UINT8 INT16 UINT16 INT32 UINT32 INT64 UINT64 REAL32 REAL64 STRING TIME"           },
+     "INT8 UINT8 INT16 UINT16 INT32 UINT32 INT64 UINT64 REAL32 REAL64 STRING TIME S7STRING"  },
 };
 
 static void testLists(void)
@@ -493,11 +496,63 @@ static void testBcd(void)
     testOk(out[0] == 0x23, "123 is written as BCD 0x23");
 }
 
+/* Texts: what stands in the bytes, and the bytes that a text makes. */
+static const struct {
+    const char *title, *type;
+    size_t length;
+    const char *bytes, *text;
+} texts[] = {
+    {"STRING ends at the first NUL", "STRING", 4, "ab\0d", "ab"},
+    {"STRING without NUL", "STRING", 2, "abcd", "ab"},
+    {"S7STRING ends as its second byte says", "S7STRING", 6, "\4\2abcd", "ab"},
+    {"S7STRING that is full", "S7STRING", 6, "\4\4abcd", "abcd"},
+    {"S7STRING that is empty", "S7STRING", 6, "\4\0abcd", ""},
+    {"S7STRING ends at a NUL too", "S7STRING", 6, "\4\4a\0cd", "a"},
+    {"S7STRING whose length is nonsense", "S7STRING", 6, "\4\xff""abcd", "abcd"},
+    {"S7STRING that was never filled", "S7STRING", 6, "\0\0\0\0\0\0", ""},
+    {"S7STRING of one character", "S7STRING", 3, "\1\1x", "x"},
+};
+
+static const struct {
+    const char *title, *type;
+    size_t length;
+    const char *text, *bytes;
+} written[] = {
+    {"STRING is filled up", "STRING", 4, "ab", "ab\0\0#"},
+    {"STRING is cut off", "STRING", 2, "abcd", "ab#"},
+    {"S7STRING has two lengths in front", "S7STRING", 6, "ab", "\4\2ab\0\0#"},
+    {"S7STRING that is full", "S7STRING", 6, "abcd", "\4\4abcd#"},
+    {"S7STRING is cut off", "S7STRING", 5, "abcd", "\3\3abc#"},
+    {"S7STRING of nothing", "S7STRING", 4, "", "\2\0\0\0#"},
+};
+
+static void testTexts(void)
+{
+    size_t i, chars;
+
+    for (i = 0; i < sizeof(texts) / sizeof(texts[0]); i++) {
+        const char *text = plcGetText(find(texts[i].type), texts[i].bytes,
+                                      texts[i].length, &chars);
+
+        testOk(chars == strlen(texts[i].text) && memcmp(text, texts[i].text, chars) == 0,
+               "%s: \"%.*s\"", texts[i].title, (int)chars, text);
+    }
+    for (i = 0; i < sizeof(written) / sizeof(written[0]); i++) {
+        char bytes[20];
+
+        memset(bytes, '#', sizeof(bytes));
+        plcPutText(find(written[i].type), bytes, written[i].length, written[i].text,
+                   strlen(written[i].text));
+        testOk(memcmp(bytes, written[i].bytes, written[i].length + 1) == 0,
+               "%s, nothing behind it is touched", written[i].title);
+    }
+}
+
 MAIN(codecTest)
 {
     int order;
 
-    testPlan(45 + 1 + 26 + 8 + 4 * 24 + 4 * 9 + 6 + 5 + 2 * 9 +
+    testPlan(46 + 1 + 28 + 9 + 15 + 4 * 24 + 4 * 9 + 6 + 5 + 2 * 9 +
              4 * 3 * (int)WORD_ORDERS + 2 + 14);
     testDiag("Names");
     testNames();
@@ -519,5 +574,7 @@ MAIN(codecTest)
     testOrders();
     testDiag("BCD");
     testBcd();
+    testDiag("Texts");
+    testTexts();
     return testDone();
 }

@@ -305,7 +305,7 @@ static const struct {
     {"@PLC/4 T='INT8'",                                             9,  "T= has no value; allowed: such as T=INT16"                   },
     {"@PLC/4 T=FLOT",                                               9,
      "T=FLOT is no data type; allowed: INT8 UINT8 INT16 UINT16 INT32 UINT32 INT64 UINT64 "
-     "REAL32 REAL64 STRING TIME"                                                                                                      },
+     "REAL32 REAL64 STRING TIME S7STRING"                                                                                                      },
     {"@PLC/4 T=INT16X",                                             9,  ""                                                            },
     {"@PLC/4 T=INT1",                                               9,  ""                                                            },
     {"@PLC/4 T=INT",                                                9,  ""                                                            },
@@ -424,7 +424,7 @@ static const plcShape ao = {"ao", plcInteger | plcReal, 4, LHW | plcHasR, "INT16
 static const plcShape bi = {"bi", plcInteger, 8, plcHasB, "INT16"};
 static const plcShape longin = {"longin", plcInteger, 4, 0, "INT16"};
 static const plcShape int64in = {"int64in", plcInteger, 8, LH, "INT16"};
-static const plcShape stringin = {"stringin", plcString, 8, plcHasL, "STRING"};
+static const plcShape stringin = {"stringin", plcText, 8, plcHasL, "STRING"};
 static const plcShape aao = {"aao", plcInteger, 2, plcHasL | plcHasR, "INT8"};
 static const plcShape chars = {"waveform", plcInteger | plcString | plcBcd, 1, 0,
                                "UINT8"};
@@ -489,6 +489,8 @@ static const struct {
     {&stringin, 40, "L=1000",                     "STRING", 1000,                   0,                     ""},
     {&chars,    8,  "",                           "UINT8",  0,                      255,                   ""},
     {&chars,    8,  "T=TIME",                     "TIME",   0,                      0,                     ""},
+    {&stringin, 40, "T=S7STRING L=16",            "S7STRING", 16,                   0,                     ""},
+    {&stringin, 40, "T=S7STRING",                 "S7STRING", 254,                  0,                     ""},
     {&chars,    8,  "T=STRING",                   "STRING", 8,                      0,                     ""},
     {&chars,    8,  "T=STRING L=3",               "STRING", 3,                      0,                     ""},
 };
@@ -577,7 +579,11 @@ static const struct {
     {&bi,       0,  "T=DOUBLE",              7,  ""                                                   },
     {&longin,   0,  "T=LONGLONG",            7,  ""                                                   },
     {&longin,   0,  "T=FLOAT",               7,  ""                                                   },
-    {&stringin, 40, "T=INT16",               7,  "T=INT16 does not fit stringin; allowed: STRING"     },
+    {&stringin, 40, "T=INT16",               7,  "T=INT16 does not fit stringin; allowed: STRING S7STRING"},
+    {&stringin, 40, "T=S7STRING L=255",      18,
+     "L=255: an S7STRING has 1 to 254 characters, as the PLC's STRING[n]"                            },
+    {&stringin, 40, "L=0 T=S7STRING",        7,
+     "L=0: an S7STRING has 1 to 254 characters, as the PLC's STRING[n]"                              },
     {&chars,    8,  "T=INT16",               7,
      "T=INT16 does not fit waveform; allowed: INT8 UINT8 STRING TIME"                                 },
     {&ai,       0,  "L=1 H=1",               7,  "L=1 H=1: L must be less than H"                     },

@@ -22,7 +22,7 @@ static const struct {
 } refused[] = {
     {"a type that does not exist", "ai", "INP=@P/8 T=FLOT",
      "S7plc ai \"%s\" INP: T=FLOT is no data type; allowed: INT8 UINT8 INT16 UINT16 INT32 "
-     "UINT32 INT64 UINT64 REAL32 REAL64 STRING TIME\n"
+     "UINT32 INT64 UINT64 REAL32 REAL64 STRING TIME S7STRING\n"
      "    @P/8 T=FLOT\n"
      "           ^\n",
      "T=FLOT is no data type"},
@@ -92,7 +92,7 @@ static const struct {
      "INP=@P/0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0 "
      "T=NO",
      "S7plc ai \"%s\" INP: T=NO is no data type; allowed: INT8 UINT8 INT16 UINT16 INT32 "
-     "UINT32 INT64 UINT64 REAL32 REAL64 STRING TIME\n"
+     "UINT32 INT64 UINT64 REAL32 REAL64 STRING TIME S7STRING\n"
      "    ...0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0 T=NO\n"
      "                                               ^\n",
      "T=NO is no data type"},

@@ -62,6 +62,9 @@ static const struct {
     {"TIME",
      {"2613590000000000", "2613590000000000", "2613590000000000", "2613590000000000"},
      "", "", ""},
+    {"S7STRING",
+     {"0603534f53000000", "0603534f53000000", "0603534f53000000", "0603534f53000000"},
+     "SOS", "", ""},
 };
 
 /* y: allowed, in the order of `types`. */
@@ -70,43 +73,43 @@ static const struct {
     const char *allowed;
     const char *fields;
 } records[] = {
-    /*              INT8-32  64 REALs S T */
-    {"ai",         "yyyyyy" "--" "yy" "--", ""},
-    {"ao",         "yyyyyy" "--" "yy" "--", ""},
-    {"calcout",    "yyyyyy" "--" "yy" "--", "|CALC=A"},
-    {"bi",         "yyyyyy" "yy" "--" "--", ""},
-    {"bo",         "yyyyyy" "yy" "--" "--", ""},
-    {"mbbi",       "yyyyyy" "--" "--" "--", "|NOBT=4"},
-    {"mbbo",       "yyyyyy" "--" "--" "--", "|NOBT=4"},
-    {"mbbiDirect", "yyyyyy" "--" "--" "--", "|NOBT=4"},
-    {"mbboDirect", "yyyyyy" "--" "--" "--", "|NOBT=4"},
-    {"longin",     "yyyyyy" "--" "--" "--", ""},
-    {"longout",    "yyyyyy" "--" "--" "--", ""},
+    /*              INT8-32  64 REALs S T S7 */
+    {"ai",         "yyyyyy" "--" "yy" "---", ""},
+    {"ao",         "yyyyyy" "--" "yy" "---", ""},
+    {"calcout",    "yyyyyy" "--" "yy" "---", "|CALC=A"},
+    {"bi",         "yyyyyy" "yy" "--" "---", ""},
+    {"bo",         "yyyyyy" "yy" "--" "---", ""},
+    {"mbbi",       "yyyyyy" "--" "--" "---", "|NOBT=4"},
+    {"mbbo",       "yyyyyy" "--" "--" "---", "|NOBT=4"},
+    {"mbbiDirect", "yyyyyy" "--" "--" "---", "|NOBT=4"},
+    {"mbboDirect", "yyyyyy" "--" "--" "---", "|NOBT=4"},
+    {"longin",     "yyyyyy" "--" "--" "---", ""},
+    {"longout",    "yyyyyy" "--" "--" "---", ""},
     {"int64in",    "yyyyyy" "yy" "--" "--", ""},
     {"int64out",   "yyyyyy" "yy" "--" "--", ""},
-    {"stringin",   "------" "--" "--" "y-", ""},
-    {"stringout",  "------" "--" "--" "y-", ""},
-    {"lsi",        "------" "--" "--" "y-", "|SIZV=40"},
-    {"lso",        "------" "--" "--" "y-", "|SIZV=40"},
+    {"stringin",   "------" "--" "--" "y-y", ""},
+    {"stringout",  "------" "--" "--" "y-y", ""},
+    {"lsi",        "------" "--" "--" "y-y", "|SIZV=40"},
+    {"lso",        "------" "--" "--" "y-y", "|SIZV=40"},
 };
 
-/* Arrays of two elements (of eight, T=STRING and TIME). */
+/* Arrays of two elements (of eight, texts and TIME). */
 static const struct {
     const char *ftvl;
     const char *allowed;
 } arrays[] = {
-    /*       8    16   32   64   REALs S T */
-    {"CHAR",   "yy" "--" "--" "--" "--" "yy"},
-    {"UCHAR",  "yy" "--" "--" "--" "--" "yy"},
-    {"SHORT",  "--" "yy" "--" "--" "--" "--"},
-    {"USHORT", "--" "yy" "--" "--" "--" "--"},
-    {"LONG",   "--" "--" "yy" "--" "--" "--"},
-    {"ULONG",  "--" "--" "yy" "--" "--" "--"},
-    {"INT64",  "--" "--" "--" "yy" "--" "--"},
-    {"UINT64", "--" "--" "--" "yy" "--" "--"},
-    {"FLOAT",  "--" "--" "--" "--" "y-" "--"},
-    {"DOUBLE", "--" "--" "--" "--" "-y" "--"},
-    {"STRING", "--" "--" "--" "--" "--" "--"},
+    /*       8    16   32   64   REALs S T S7 */
+    {"CHAR",   "yy" "--" "--" "--" "--" "yyy"},
+    {"UCHAR",  "yy" "--" "--" "--" "--" "yyy"},
+    {"SHORT",  "--" "yy" "--" "--" "--" "---"},
+    {"USHORT", "--" "yy" "--" "--" "--" "---"},
+    {"LONG",   "--" "--" "yy" "--" "--" "---"},
+    {"ULONG",  "--" "--" "yy" "--" "--" "---"},
+    {"INT64",  "--" "--" "--" "yy" "--" "---"},
+    {"UINT64", "--" "--" "--" "yy" "--" "---"},
+    {"FLOAT",  "--" "--" "--" "--" "y-" "---"},
+    {"DOUBLE", "--" "--" "--" "--" "-y" "---"},
+    {"STRING", "--" "--" "--" "--" "--" "---"},
 };
 static const char *const arrayRecords[] = {"waveform", "aai", "aao"};
 
@@ -129,8 +132,9 @@ static void makeOne(const char *record, const char *ftvl, size_t type, int order
 {
     char text[200];
 
-    epicsSnprintf(text, sizeof(text), "%s=@%s/%lu T=%s%s%s", linkField(record),
+    epicsSnprintf(text, sizeof(text), "%s=@%s/%lu T=%s%s%s%s", linkField(record),
                   orders[order].station, (unsigned long)(slot * SLOT), types[type].type,
+                  strcmp(types[type].type, "S7STRING") ? "" : " L=6",
                   orders[order].link, fields);
     makeRecord(record, pvName(record, ftvl, type, order), text);
 }
@@ -235,6 +239,8 @@ static const char *arrayText(size_t type, const char *ftvl)
         return "72,101,108,108,111,0,0,0";
     if (strcmp(types[type].type, "TIME") == 0)
         return "26,13,59,0,0,0,0,0";
+    if (strcmp(types[type].type, "S7STRING") == 0)
+        return "83,79,83";
     /* T and FTVL differ in sign: the same bits, seen as FTVL */
     if (other)
         type += types[type].type[0] == 'U' ? -1 : 1;

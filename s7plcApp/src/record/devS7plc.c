@@ -127,9 +127,16 @@ static int checkPlace(size_t offset, size_t length, size_t size, const char *blo
                    (unsigned long)size);
 }
 
-/* The bytes of a string: not more than the record has room for. */
+/* The bytes of a string: not more than the record has room for. An S7STRING is as long as
+ * the PLC has it, whatever the record holds of it. */
 static size_t stringLength(dbCommon *prec, const plcLink *link, size_t room)
 {
+    if (link->type->kind == plcS7String) {
+        if (link->has & plcHasL && link->low > (epicsInt64)room)
+            devWarn(prec, "the record holds %lu of the %lld characters",
+                    (unsigned long)room, (long long)link->low);
+        return (size_t)link->low + PLC_S7STRING_HEAD;
+    }
     if (link->low <= (epicsInt64)room)
         return (size_t)link->low;
     devWarn(prec, "L=%lld is more than the record holds: reduced to %lu",
@@ -167,7 +174,7 @@ static int place(dbCommon *prec, devRecord *dev, const plcLink *link, size_t roo
     dev->order = plcLinkOrder(link, plcStationOrder(dev->station));
     dev->offset = link->offset;
     dev->length =
-        link->type->kind == plcString ? stringLength(prec, link, room) : link->type->size;
+        link->type->kind & plcText ? stringLength(prec, link, room) : link->type->size;
     dev->has = link->has;
     dev->readback = link->readback;
     dev->low = link->low;

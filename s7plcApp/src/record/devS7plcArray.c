@@ -25,8 +25,8 @@ static const struct {
     const char *defaultType;
 } elementTypes[] = {
     /* clang-format off */
-    [menuFtypeCHAR]    = {"CHAR",   plcInteger | plcString | plcBcd, 1, "INT8"},
-    [menuFtypeUCHAR]   = {"UCHAR",  plcInteger | plcString | plcBcd, 1, "UINT8"},
+    [menuFtypeCHAR]    = {"CHAR",   plcInteger | plcText | plcBcd, 1, "INT8"},
+    [menuFtypeUCHAR]   = {"UCHAR",  plcInteger | plcText | plcBcd, 1, "UINT8"},
     [menuFtypeSHORT]   = {"SHORT",  plcInteger,                      2, "INT16"},
     [menuFtypeUSHORT]  = {"USHORT", plcInteger,                      2, "UINT16"},
     [menuFtypeLONG]    = {"LONG",   plcInteger,                      4, "INT32"},
@@ -82,7 +82,7 @@ static int adaptArray(unsigned ftvl, size_t nelm, const plcLink *link, plcShape 
  * the start, unless autosave or DOL has filled the array. */
 static int prepareArray(devRecord *dev, size_t nelm, epicsUInt32 *nord)
 {
-    if (dev->type->kind != plcString)
+    if (!(dev->type->kind & plcText))
         dev->length = nelm * dev->type->size;
     if (*nord == 0)
         *nord = (epicsUInt32)nelm;
@@ -92,18 +92,38 @@ static int prepareArray(devRecord *dev, size_t nelm, epicsUInt32 *nord)
 
 /* --- Reading ------------------------------------------------------------------------ */
 
-/* Returns 0 and the array filled, or -1. */
-static long readArray(dbCommon *common, void *array)
+/* Bytes in wire order become the elements of an array. Returns their number, NORD: all of
+ * them; of an S7STRING the characters that it has, with zeros behind. */
+static epicsUInt32 toArray(const devRecord *dev, const epicsUInt8 *bytes, void *array,
+                           size_t nelm)
+{
+    const char *text;
+    size_t chars;
+
+    if (dev->type->kind == plcS7String) {
+        text = plcGetText(dev->type, bytes, dev->length, &chars);
+        if (chars > nelm)
+            chars = nelm;
+        memcpy(array, text, chars);
+        memset((char *)array + chars, 0, nelm - chars);
+        return (epicsUInt32)chars;
+    }
+    if (dev->type->kind == plcBcd)
+        plcBcdDecode(array, bytes, dev->length);
+    else
+        plcCopyElements(array, bytes, dev->type->size, dev->length / dev->type->size,
+                        dev->order);
+    return (epicsUInt32)nelm;
+}
+
+/* Returns 0, with the array and NORD filled, or -1. */
+static long readArray(dbCommon *common, void *array, size_t nelm, epicsUInt32 *nord)
 {
     const devRecord *dev = devOf(common);
 
     if (!dev || devFetch(common, dev->buffer))
         return -1;
-    if (dev->type->kind == plcBcd)
-        plcBcdDecode(array, dev->buffer, dev->length);
-    else
-        plcCopyElements(array, dev->buffer, dev->type->size,
-                        dev->length / dev->type->size, dev->order);
+    *nord = toArray(dev, dev->buffer, array, nelm);
     common->udf = FALSE;
     return 0;
 }
@@ -112,10 +132,7 @@ static long readWaveform(dbCommon *common)
 {
     waveformRecord *prec = (waveformRecord *)common;
 
-    if (readArray(common, prec->bptr))
-        return -1;
-    prec->nord = prec->nelm;
-    return 0;
+    return readArray(common, prec->bptr, prec->nelm, &prec->nord);
 }
 
 static int adaptWaveform(dbCommon *common, const plcLink *link, plcShape *shape,
@@ -139,10 +156,7 @@ static long readAai(dbCommon *common)
 {
     aaiRecord *prec = (aaiRecord *)common;
 
-    if (readArray(common, prec->bptr))
-        return -1;
-    prec->nord = prec->nelm;
-    return 0;
+    return readArray(common, prec->bptr, prec->nelm, &prec->nord);
 }
 
 static int adaptAai(dbCommon *common, const plcLink *link, plcShape *shape, size_t *room,
@@ -164,19 +178,27 @@ static int prepareAai(dbCommon *common, devRecord *dev, const plcLink *link,
 
 /* --- Writing ------------------------------------------------------------------------ */
 
-/* Writes the whole array, also what is behind the NORD elements of the last put. */
+/* Writes the whole array, also what is behind the NORD elements of the last put; an
+ * S7STRING has NORD characters, up to the first NUL. */
 static long writeAao(dbCommon *common)
 {
-    const void *array = ((aaoRecord *)common)->bptr;
+    const aaoRecord *prec = (aaoRecord *)common;
+    const void *array = prec->bptr;
     const devRecord *dev = devOf(common);
+    const char *nul;
 
     if (!dev)
         return -1;
-    if (dev->type->kind == plcBcd)
+    if (dev->type->kind == plcS7String) {
+        nul = memchr(array, 0, prec->nord);
+        plcPutText(dev->type, dev->buffer, dev->length, array,
+                   nul ? (size_t)(nul - (const char *)array) : prec->nord);
+    } else if (dev->type->kind == plcBcd) {
         plcBcdEncode(dev->buffer, array, dev->length);
-    else
+    } else {
         plcCopyElements(dev->buffer, array, dev->type->size,
                         dev->length / dev->type->size, dev->order);
+    }
     return devStore(common, dev->buffer, NULL);
 }
 
@@ -184,12 +206,7 @@ static void followAao(dbCommon *common, const devRecord *dev, const epicsUInt8 *
 {
     aaoRecord *prec = (aaoRecord *)common;
 
-    if (dev->type->kind == plcBcd)
-        plcBcdDecode(prec->bptr, bytes, dev->length);
-    else
-        plcCopyElements(prec->bptr, bytes, dev->type->size, dev->length / dev->type->size,
-                        dev->order);
-    prec->nord = prec->nelm;
+    prec->nord = toArray(dev, bytes, prec->bptr, prec->nelm);
 }
 
 static int adaptAao(dbCommon *common, const plcLink *link, plcShape *shape, size_t *room,

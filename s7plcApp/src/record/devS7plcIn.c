@@ -212,15 +212,16 @@ static long readInt64in(dbCommon *common)
 
 /* --- Strings ------------------------------------------------------------------------ */
 
-/* Copies the PLC's bytes up to the first NUL into a string of `size` bytes, terminated.
- * Returns its length without the terminator. */
+/* Copies the PLC's text into a string of `size` bytes, terminated. Returns its length
+ * without the terminator. */
 static size_t copyString(char *dst, size_t size, const devRecord *dev)
 {
-    size_t max = dev->length < size ? dev->length : size - 1;
-    const void *nul = memchr(dev->buffer, 0, max);
-    size_t length = nul ? (size_t)((const epicsUInt8 *)nul - dev->buffer) : max;
+    size_t length;
+    const char *text = plcGetText(dev->type, dev->buffer, dev->length, &length);
 
-    memcpy(dst, dev->buffer, length);
+    if (length > size - 1)
+        length = size - 1;
+    memcpy(dst, text, length);
     dst[length] = 0;
     return length;
 }
@@ -284,10 +285,10 @@ const devSupport devS7plcLongin = {DEV_DSET, readLongin, NULL, "S7plc", "INP", d
 const devSupport devS7plcInt64in = {DEV_DSET, readInt64in, NULL, "S7plc", "INP", devIn,
     {"int64in", plcInteger, 8, plcHasW, "INT16"}, 0, NULL, NULL, NULL, NULL};
 const devSupport devS7plcStringin = {DEV_DSET, readStringin, NULL, "S7plc", "INP", devIn,
-    {"stringin", plcString, 1, plcHasL, "STRING"}, 0, adaptStringin, devPrepareString,
+    {"stringin", plcText, 1, plcHasL, "STRING"}, 0, adaptStringin, devPrepareString,
     NULL, NULL};
 const devSupport devS7plcLsi = {DEV_DSET, readLsi, NULL, "S7plc", "INP", devIn,
-    {"lsi", plcString, 1, plcHasL, "STRING"}, 0, adaptLsi, devPrepareString, NULL, NULL};
+    {"lsi", plcText, 1, plcHasL, "STRING"}, 0, adaptLsi, devPrepareString, NULL, NULL};
 /* clang-format on */
 
 epicsExportAddress(dset, devS7plcAi);

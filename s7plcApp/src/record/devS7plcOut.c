@@ -194,8 +194,7 @@ static long writeInt64out(dbCommon *common)
 
 /* --- Strings ------------------------------------------------------------------------ */
 
-/* Writes L bytes: the string, cut off or filled up with NULs. `size` bytes are the
- * string's own. */
+/* Writes the string, cut off or filled up with NULs. `size` bytes are the record's own. */
 static long storeString(dbCommon *common, const char *text, size_t size)
 {
     const devRecord *dev = devOf(common);
@@ -206,10 +205,7 @@ static long storeString(dbCommon *common, const char *text, size_t size)
         return -1;
     nul = memchr(text, 0, size);
     length = nul ? (size_t)(nul - text) : size;
-    if (length > dev->length)
-        length = dev->length;
-    memcpy(dev->buffer, text, length);
-    memset(dev->buffer + length, 0, dev->length - length);
+    plcPutText(dev->type, dev->buffer, dev->length, text, length);
     return devStore(common, dev->buffer, NULL);
 }
 
@@ -335,15 +331,16 @@ static void followInt64out(dbCommon *common, const devRecord *dev,
     ((int64outRecord *)common)->val = plcGetInt(dev->type, bytes, dev->order);
 }
 
-/* Up to the first NUL; returns the length. */
+/* Terminated; returns the length. */
 static size_t followString(char *text, size_t size, const devRecord *dev,
                            const epicsUInt8 *bytes)
 {
-    size_t max = dev->length < size ? dev->length : size - 1;
-    const epicsUInt8 *nul = memchr(bytes, 0, max);
-    size_t length = nul ? (size_t)(nul - bytes) : max;
+    size_t length;
+    const char *from = plcGetText(dev->type, bytes, dev->length, &length);
 
-    memcpy(text, bytes, length);
+    if (length > size - 1)
+        length = size - 1;
+    memcpy(text, from, length);
     text[length] = 0;
     return length;
 }
@@ -390,11 +387,11 @@ const devSupport devS7plcInt64out = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", d
     {"int64out", plcInteger, 8, plcHasR | plcHasW, "INT16"}, 0, NULL, NULL,
     writeInt64out, followInt64out};
 const devSupport devS7plcStringout = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
-    {"stringout", plcString, 1, plcHasL | plcHasR, "STRING"}, 0, adaptStringout,
+    {"stringout", plcText, 1, plcHasL | plcHasR, "STRING"}, 0, adaptStringout,
     devPrepareString,
     writeStringout, followStringout};
 const devSupport devS7plcLso = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
-    {"lso", plcString, 1, plcHasL | plcHasR, "STRING"}, 0, adaptLso, devPrepareString,
+    {"lso", plcText, 1, plcHasL | plcHasR, "STRING"}, 0, adaptLso, devPrepareString,
     writeLso, followLso};
 /* clang-format on */
 

@@ -71,14 +71,16 @@ static void typeText(const plcUser *user, char *text, size_t size)
 static void valueText(const view *v, const plcUser *user, char *text, size_t size)
 {
     const epicsUInt8 *bytes = v->bytes + user->offset;
+    const char *from;
+    size_t chars;
     epicsUInt64 raw;
     char *end;
 
     text[0] = 0;
-    if (user->type->kind == plcString && size > 12) {
+    if (user->type->kind & plcText && size > 12) {
         strcpy(text, " = \"");
-        epicsStrnEscapedFromRaw(text + 4, size - 6, (const char *)bytes,
-                                strnlen((const char *)bytes, user->length));
+        from = plcGetText(user->type, bytes, user->length, &chars);
+        epicsStrnEscapedFromRaw(text + 4, size - 6, from, chars);
         end = text + strlen(text);
         strcpy(end, "\"");
     } else if (user->length != user->type->size || user->type->kind == plcBcd) {

@@ -40,6 +40,7 @@ const plcType plcTypes[] = {
     {"REAL64", plcReal,     8, 0,           0           },
     {"STRING", plcString,   1, 0,           0           },
     {"TIME",   plcBcd,      1, 0,           0           },
+    {"S7STRING", plcS7String, 1, 0,         0           },
     {NULL,     0,           0, 0,           0           },
 };
 
@@ -326,4 +327,36 @@ void plcBcdEncode(epicsUInt8 *dst, const epicsUInt8 *src, size_t n)
 
     for (i = 0; i < n; i++)
         dst[i] = (epicsUInt8)((src[i] / 10 % 10) << 4 | src[i] % 10);
+}
+
+const char *plcGetText(const plcType *type, const void *bytes, size_t length, size_t *chars)
+{
+    const epicsUInt8 *text = bytes;
+    const epicsUInt8 *nul;
+
+    if (type->kind == plcS7String) {
+        length -= PLC_S7STRING_HEAD;
+        if (text[1] < length)
+            length = text[1];
+        text += PLC_S7STRING_HEAD;
+    }
+    nul = memchr(text, 0, length);
+    *chars = nul ? (size_t)(nul - text) : length;
+    return (const char *)text;
+}
+
+void plcPutText(const plcType *type, void *bytes, size_t length, const char *text,
+                size_t chars)
+{
+    epicsUInt8 *to = bytes;
+    size_t room = type->kind == plcS7String ? length - PLC_S7STRING_HEAD : length;
+
+    if (chars > room)
+        chars = room;
+    if (type->kind == plcS7String) {
+        *to++ = (epicsUInt8)room;
+        *to++ = (epicsUInt8)chars;
+    }
+    memcpy(to, text, chars);
+    memset(to + chars, 0, room - chars);
 }

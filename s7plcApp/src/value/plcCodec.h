@@ -16,10 +16,15 @@ typedef enum {
     plcUnsigned = 2,
     plcReal = 4,
     plcString = 8,
-    plcBcd = 16
+    plcBcd = 16,
+    plcS7String = 32 /* as S7 keeps a STRING[n]: two length bytes, then n characters */
 } plcKind;
 
 #define plcInteger (plcSigned | plcUnsigned)
+#define plcText (plcString | plcS7String)
+
+#define PLC_S7STRING_HEAD 2  /* bytes before the characters: most, and present number */
+#define PLC_S7STRING_MAX 254 /* characters */
 
 typedef struct plcType {
     const char *name; /* "INT16" */
@@ -80,5 +85,15 @@ void plcCopyElements(void *dst, const void *src, unsigned size, size_t n, int or
  * nonsense. Encoding a value outside 0..99 writes value modulo 100. */
 void plcBcdDecode(epicsUInt8 *dst, const epicsUInt8 *src, size_t n);
 void plcBcdEncode(epicsUInt8 *dst, const epicsUInt8 *src, size_t n);
+
+/* The characters in `length` bytes of kind plcString or plcS7String. *chars is their number:
+ * up to the first NUL, for plcS7String not more than its second byte says either. */
+const char *plcGetText(const plcType *type, const void *bytes, size_t length,
+                       size_t *chars);
+
+/* Fills `length` bytes: `text` of `chars` characters, cut off or filled up with NULs;
+ * plcS7String: in front of it length - 2, and the number of characters. */
+void plcPutText(const plcType *type, void *bytes, size_t length, const char *text,
+                size_t chars);
 
 #endif /* INC_plcCodec_H */

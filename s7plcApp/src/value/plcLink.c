@@ -512,12 +512,24 @@ static int completeString(plcLink *link, size_t length, plcLinkError *error)
     return 0;
 }
 
+/* L of an S7 STRING[L]; without it, as in the PLC, 254. */
+static int completeS7String(plcLink *link, plcLinkError *error)
+{
+    if (!(link->has & plcHasL))
+        link->low = PLC_S7STRING_MAX;
+    if (link->low < 1 || link->low > PLC_S7STRING_MAX)
+        return fail(error, link->column.L,
+                    "L=%lld: an S7STRING has 1 to %d characters, as the PLC's STRING[n]",
+                    (long long)link->low, PLC_S7STRING_MAX);
+    return 0;
+}
+
 /* A bit of the type, even where the record type has no use for it. */
 static int completeBit(const plcLink *link, plcLinkError *error)
 {
     unsigned bits = 8 * link->type->size;
 
-    if (link->type->kind == plcString || link->bit < bits)
+    if (link->type->kind & plcText || link->bit < bits)
         return 0;
     return fail(error, link->column.B, "B=%u: %s has bits 0 to %u", link->bit,
                 link->type->name, bits - 1);
@@ -542,6 +554,8 @@ int plcLinkComplete(plcLink *link, const plcShape *shape, size_t length,
     if (link->type->kind & plcInteger && completeLimits(link, shape, error))
         return -1;
     if (link->type->kind == plcString && completeString(link, length, error))
+        return -1;
+    if (link->type->kind == plcS7String && completeS7String(link, error))
         return -1;
     if (completeBit(link, error))
         return -1;
