@@ -313,6 +313,67 @@ static void testAlive(void)
     end(fd, listener);
 }
 
+static void sendLayout(int fd, int first, unsigned id)
+{
+    unsigned char block[IN] = {0};
+
+    block[0] = (unsigned char)first;
+    block[6] = (unsigned char)(id >> 8);
+    block[7] = (unsigned char)id;
+    toolSend(fd, block, IN);
+}
+
+/* A layout id in the input block, without the handshake. */
+static void testLayout(void)
+{
+    char text[PLC_REASON_SIZE], error[200];
+    unsigned char block[OUT];
+    plcStation *s;
+    int fd, port = 0, listener = toolListen(&port);
+
+    s = make("PLC", "127.0.0.1", port, IN, OUT, 60000, 50);
+    testOk(plcStationSetOption(s, "layoutAt", "15", error, sizeof(error)) == -1, "%s", error);
+    set(s, "layoutAt", "6");
+    set(s, "layout", "4660");
+    testOk(plcStationSetOption(s, "sync", "on", error, sizeof(error)) == -1, "%s", error);
+    plcStationsStart();
+    plcStationsRun();
+    testOk(plcStationSetOption(s, "layout", "5", error, sizeof(error)) == -1, "%s", error);
+    fd = toolAccept(listener);
+    WAIT_FOR(stats(s).connected);
+    testOk(put(s, 0, 7) == 0 && stats(s).blocksOut == 0,
+           "nothing leaves before the PLC has shown its layout id");
+    sendLayout(fd, 1, 0x1234);
+    WAIT_FOR(value(s) == 1);
+    testOk(outBlock(fd, block) && block[0] == 7, "the same id: the value leaves");
+    testOk(stats(s).layoutPlc == 0x1234 && stats(s).layoutMismatches == 0,
+           "and the statistics show it");
+    sendLayout(fd, 2, 0x1235);
+    WAIT_FOR(stats(s).state == plcStateLayout);
+    testOk(value(s) == -1 && strcmp(reason(s), "layout ids of PLC and IOC differ") == 0,
+           "another id: \"%s\"", reason(s));
+    memset(block, 8, 1);
+    testOk(plcStationWrite(s, 0, 1, block, NULL, text) == -1 &&
+               strcmp(text, "layout ids of PLC and IOC differ") == 0,
+           "a put is refused: \"%s\"", text);
+    sendLayout(fd, 3, 0x1236);
+    WAIT_FOR(stats(s).layoutPlc == 0x1236);
+    testOk(stats(s).layoutMismatches == 1, "it is counted once");
+    sendLayout(fd, 4, 0);
+    WAIT_FOR(value(s) == 4);
+    testOk(value(s) == 4 && put(s, 0, 9) == 0, "a PLC that shows 0 is not checked");
+    sendLayout(fd, 5, 0x1234);
+    WAIT_FOR(value(s) == 5);
+    testOk(outBlock(fd, block) && block[0] == 9, "the same again: all is well");
+    toolClose(fd);
+    fd = toolAccept(listener);
+    WAIT_FOR(stats(s).connects == 2);
+    sendLayout(fd, 6, 1);
+    WAIT_FOR(stats(s).state == plcStateLayout);
+    testOk(stats(s).layoutMismatches == 2, "a new connection is checked afresh");
+    end(fd, listener);
+}
+
 static void testMinUpdate(void)
 {
     plcStation *s;
@@ -903,7 +964,7 @@ static void testListener(void)
 
 MAIN(stationTest)
 {
-    testPlan(110);
+    testPlan(122);
     eltc(0); /* the log is for people; here the test speaks */
     testFirstBlock();
     testClosed();
@@ -912,6 +973,7 @@ MAIN(stationTest)
     testTrickle();
     testWrongSize();
     testAlive();
+    testLayout();
     testMinUpdate();
     testClock();
     testRefused();

@@ -361,6 +361,8 @@ void plcStationGate(plcStation *s)
     epicsMutexMustLock(s->lock);
     if (s->options.sync)
         why = plcSyncReason(s->stats.syncState);
+    else if (s->layoutState == plcLayoutDiffers)
+        why = plcSyncReason(plcSyncLayoutMismatch);
     else if (s->options.offlineWrites == plcOfflineReject &&
              !epicsAtomicGetIntT(&s->leads))
         why = outReason(s);
@@ -620,9 +622,15 @@ static int optionsFit(plcStation *s, const plcOptions *o, char *error, size_t si
         {"alive",     o->alive,     o->aliveType->size                         },
         {"timestamp", o->timestamp, o->timestampFormat == plcClockIsDtl ? PLC_CLOCK_DTL_SIZE : PLC_CLOCK_DT_SIZE},
         {"readback",  o->readback,  s->outSize                                 },
+        {"layoutAt",  o->layoutAt,  2                                          },
     };
     size_t i;
 
+    if (o->sync && o->layoutAt >= 0) {
+        epicsSnprintf(error, size, "option layoutAt: with sync=on the layout id is in the "
+                      "header of the blocks");
+        return -1;
+    }
     if (o->sync && s->modbus.on) {
         epicsSnprintf(error, size, "option sync: the handshake is in the blocks both ways, "
                       "and this PLC gets its values over Modbus");

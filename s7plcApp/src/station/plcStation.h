@@ -32,7 +32,7 @@ typedef enum {
     plcStateWrongSize,  /* the PLC sends blocks of another size */
     plcStateFrozen,     /* blocks come, but the alive word stands still */
     plcStateNoPrimary,  /* a pair of which neither sends */
-    plcStateLayout      /* sync=on, and the layout ids differ */
+    plcStateLayout      /* sync=on or layoutAt, and the layout ids differ */
 } plcStationState;
 
 /* Modbus/TCP: which registers and bits, of which unit. Ranges from plcRangesParse. */

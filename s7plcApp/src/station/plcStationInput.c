@@ -65,6 +65,48 @@ void plcInputSetState(plcStation *s, int state)
     epicsMutexUnlock(s->lock);
 }
 
+/* The one place where a layout id in the input block (layoutAt) changes something. */
+static void layoutShow(plcStation *s, int state)
+{
+    int before;
+
+    epicsMutexMustLock(s->lock);
+    before = s->layoutState;
+    s->layoutState = state;
+    s->stats.layoutMismatches += state == plcLayoutDiffers && before != state;
+    epicsMutexUnlock(s->lock);
+    if (before != state)
+        plcStationGate(s);
+}
+
+/* Compares the layout id that the PLC shows at layoutAt. Returns 1 when its data is good. */
+static int layoutAgrees(plcStation *s, const char *block)
+{
+    static const plcType *type;
+    unsigned theirs, ours = (unsigned)s->now.layout;
+    int state, before = s->layoutState;
+    char text[120];
+
+    if (s->now.layoutAt < 0)
+        return 1;
+    if (!type)
+        type = plcTypeOf(plcUnsigned, 2);
+    theirs = (unsigned)plcGetInt(type, block + (size_t)s->now.layoutAt, s->bigEndian);
+    state = ours && theirs && ours != theirs ? plcLayoutDiffers : plcLayoutAgrees;
+    epicsMutexMustLock(s->lock);
+    s->stats.layoutPlc = (int)theirs;
+    epicsMutexUnlock(s->lock);
+    if (state == plcLayoutDiffers && before != state) {
+        epicsSnprintf(text, sizeof(text), "layout: the PLC has layout id %u at byte %u, the "
+                      "IOC %u; nothing is sent", theirs, (unsigned)s->now.layoutAt, ours);
+        plcStationLog(s, errlogMajor, text);
+    }
+    if (state == plcLayoutAgrees && before == plcLayoutDiffers)
+        plcStationLog(s, errlogInfo, "layout: the ids of PLC and IOC agree again");
+    layoutShow(s, state);
+    return state == plcLayoutAgrees;
+}
+
 /* The data of the PLC is not to be used, or there is a better reason why not. I/O Intr
  * records process once when data was lost, and never before there was any: sites hang
  * chains on the first processing, which must see the first block. */
@@ -73,6 +115,8 @@ PLC_COLD void plcInputInvalidate(plcStation *s, int state, const char *reason)
     int lost = s->valid;
 
     plcInputSetState(s, state);
+    if (state != plcStateLayout)
+        layoutShow(s, plcLayoutUnknown);
     s->holding = 0;
     s->valid = 0;
     if (!plcLineIsOutput(s, s->modbus.line)) /* else the outputs have a fate of their own */
@@ -242,6 +286,9 @@ PLC_COLD static void syncShow(plcStation *s, epicsUInt64 now)
     before = s->stats.syncState;
     s->stats.syncState = s->sync.state;
     s->stats.remote = remote;
+    s->stats.layoutPlc = s->sync.theirs;
+    s->stats.layoutMismatches += s->sync.state == plcSyncLayoutMismatch &&
+                                 before != plcSyncLayoutMismatch;
     if (before != (int)s->sync.state)
         s->stats.syncSince = now;
     s->stats.syncs += s->sync.state == plcSyncSynced && before != plcSyncSynced;
@@ -339,7 +386,7 @@ PLC_HOT void plcInputBlock(plcStation *s, const void *block, epicsTimeStamp stam
         s->stats.coalesced++;
     epicsMutexUnlock(s->lock);
     s->lastBlock = now;
-    if (!outputsFollow(s, block, now)) {
+    if (!layoutAgrees(s, block) || !outputsFollow(s, block, now)) {
         plcInputInvalidate(s, plcStateLayout, plcSyncReason(plcSyncLayoutMismatch));
         return;
     }

@@ -106,6 +106,7 @@ struct plcStation {
     int moved;                     /* an address or a port is new */
     char reason[PLC_REASON_SIZE];  /* why not connected */
     char outReason[PLC_REASON_SIZE]; /* the same of a line that is only for output */
+    int layoutState;               /* plcLayoutUnknown, ...: what layoutAt has shown */
     char refusal[PLC_REASON_SIZE]; /* why puts are refused, "": they are not */
                                    /* ... to here */
     int connected; /* atomic: a line leads, or another is about to; for record threads */
@@ -141,6 +142,9 @@ struct plcStation {
     unsigned logDropped;
     epicsUInt64 logRefill;
 };
+
+/* What the PLC shows at layoutAt: no block yet, our id (or one of both is 0), another. */
+enum { plcLayoutUnknown, plcLayoutAgrees, plcLayoutDiffers };
 
 /* The thread's main function. */
 void plcStationThread(void *arg);

@@ -100,6 +100,12 @@ static epicsUInt64 sendDue(plcStation *s)
     return due;
 }
 
+/* A PLC that must show its layout id (layoutAt) has shown the one that we have. */
+static int layoutKnown(const plcStation *s)
+{
+    return s->now.layoutAt < 0 || s->layoutState == plcLayoutAgrees;
+}
+
 /* Not before the PLC has shown what it holds, where it does; not where sync forbids it.
  */
 static int maySend(plcStation *s)
@@ -114,7 +120,7 @@ static void outputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     plcConnection *c;
     epicsUInt64 due;
 
-    if (!epicsAtomicGetIntT(&s->running) || !s->outSize)
+    if (!epicsAtomicGetIntT(&s->running) || !s->outSize || !layoutKnown(s))
         return;
     if (s->modbus.on) {
         plcWireOutputStep(s, now, wake);

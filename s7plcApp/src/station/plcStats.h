@@ -32,6 +32,7 @@ typedef struct plcStats {
     int syncState;              /* plcSyncState; with sync=on */
     int remote;                 /* 1: REMOTE, 0: LOCAL, as the PLC last said */
     epicsUInt64 syncSince;      /* monotonic ns: when syncState began */
+    int layoutPlc;              /* layout id that the PLC last showed, 0 = none */
     int outputConnected;        /* 1: outputs go somewhere; over Modbus this may be another
                                    connection than that of the blocks */
     char lastError[PLC_TEXT_SIZE];
@@ -50,6 +51,7 @@ typedef struct plcStats {
     epicsUInt64 syncsLost;      /* times it took that back, or the connection broke */
     epicsUInt64 readbacks;      /* places where outputs took the PLC's value */
     epicsUInt64 sizeMismatches; /* times the block size was found wrong */
+    epicsUInt64 layoutMismatches; /* times the layout ids were found to differ */
     epicsUInt64 connects;       /* connections made */
     epicsUInt64 disconnects;    /* connections lost */
     epicsUInt64 connectErrors;  /* attempts that failed */
