@@ -18,6 +18,9 @@
 #include "simLog.h"
 #include "simMemory.h"
 
+#define S7STRING_HEAD 2  /* bytes: longest and present length */
+#define S7STRING_MAX 254 /* characters */
+
 /* ---- blocks ---- */
 
 void simMemoryInit(simMemory *mem, int bigEndian)
@@ -117,18 +120,34 @@ static const simTypeInfo types[] = {
     {"REAL32",        simReal,     4 },
     {"REAL64",        simReal,     8 },
     {"STRING",        simString,   1 },
+    {"S7STRING",      simS7String, 1 },
     {"TIME",          simBcd,      8 },
     {"DTL",           simDtl,      12},
     /* other names of the same */
     {"BYTE",          simUnsigned, 1 },
     {"CHAR",          simUnsigned, 1 },
+    {"SINT",          simInteger,  1 },
+    {"USINT",         simUnsigned, 1 },
     {"INT",           simInteger,  2 },
+    {"UINT",          simUnsigned, 2 },
     {"WORD",          simUnsigned, 2 },
+    {"DATE",          simUnsigned, 2 },
+    {"S5TIME",        simUnsigned, 2 },
     {"DINT",          simInteger,  4 },
+    {"UDINT",         simUnsigned, 4 },
     {"DWORD",         simUnsigned, 4 },
+    {"TIME_OF_DAY",   simUnsigned, 4 },
+    {"TOD",           simUnsigned, 4 },
+    {"LINT",          simInteger,  8 },
+    {"ULINT",         simUnsigned, 8 },
+    {"LWORD",         simUnsigned, 8 },
+    {"LTIME",         simInteger,  8 },
+    {"LTOD",          simUnsigned, 8 },
+    {"LDT",           simInteger,  8 },
     {"REAL",          simReal,     4 },
     {"LREAL",         simReal,     8 },
     {"DATE_AND_TIME", simBcd,      8 },
+    {"DT",            simBcd,      8 },
 };
 
 static const simTypeInfo *findType(const char *name, size_t length)
@@ -152,7 +171,7 @@ int simTypeParse(const char *text, simType *type, char error[SIM_ERROR_SIZE])
         return simFail(
             error,
             "\"%.40s\" is no type: allowed are BOOL INT8 UINT8 INT16 UINT16 INT32 "
-            "UINT32 INT64 UINT64 REAL32 REAL64 STRING[n] TIME DTL",
+            "UINT32 INT64 UINT64 REAL32 REAL64 STRING[n] S7STRING[n] TIME DTL, and IEC names",
             text);
     if (text[length] == '[') {
         errno = 0;
@@ -163,7 +182,12 @@ int simTypeParse(const char *text, simType *type, char error[SIM_ERROR_SIZE])
                            SIM_MAX_BLOCK);
     } else if (type->info->kind == simString) {
         count = 40;
+    } else if (type->info->kind == simS7String) {
+        count = S7STRING_MAX;
     }
+    if (type->info->kind == simS7String && count > S7STRING_MAX)
+        return simFail(error, "\"%.40s\": an S7STRING has 1 ... %d characters", text,
+                       S7STRING_MAX);
     if (count > 1 && (type->info->kind == simBcd || type->info->kind == simDtl ||
                       type->info->kind == simBool))
         return simFail(error, "\"%.40s\": no arrays of %s", text, type->info->name);
@@ -173,7 +197,8 @@ int simTypeParse(const char *text, simType *type, char error[SIM_ERROR_SIZE])
 
 size_t simTypeSize(const simType *type)
 {
-    return type->info->size * type->count;
+    return type->info->size * type->count +
+           (type->info->kind == simS7String ? S7STRING_HEAD : 0);
 }
 
 /* ---- places ---- */
@@ -482,14 +507,34 @@ void simPutReal(const simTypeInfo *info, epicsUInt8 *p, int bit, int bigEndian,
         simPutInt(p, info->size, bigEndian, realToUnsigned(value, info->size));
 }
 
-void simPutText(epicsUInt8 *p, size_t size, const char *text)
+void simPutText(const simType *type, epicsUInt8 *p, const char *text)
 {
-    size_t length = strlen(text);
+    size_t size = type->count, length = strlen(text);
 
     if (length > size)
         length = size;
+    if (type->info->kind == simS7String) {
+        *p++ = (epicsUInt8)size;
+        *p++ = (epicsUInt8)length;
+    }
     memcpy(p, text, length);
     memset(p + length, 0, size - length);
+}
+
+static int isText(const simType *type)
+{
+    return type->info->kind == simString || type->info->kind == simS7String;
+}
+
+/* The characters of a text; *length of them, at most. */
+static const epicsUInt8 *textOf(const simType *type, const epicsUInt8 *p, size_t *length)
+{
+    *length = type->count;
+    if (type->info->kind != simS7String)
+        return p;
+    if (p[1] < *length)
+        *length = p[1];
+    return p + S7STRING_HEAD;
 }
 
 /* Splits the time; weekday 1 is Sunday. Times that gmtime cannot say become 1970. */
@@ -628,7 +673,7 @@ int simValueSet(const simMemory *mem, const simPlace *place, const simType *type
 {
     epicsUInt8 *target = place->block->bytes + place->offset;
     size_t size = simTypeSize(type);
-    size_t want = type->info->kind == simString ? 1 : type->count;
+    size_t want = isText(type) ? 1 : type->count;
     epicsUInt8 *copy;
     int status = 0;
     size_t i;
@@ -638,8 +683,8 @@ int simValueSet(const simMemory *mem, const simPlace *place, const simType *type
     if (count != want)
         return simFail(error, "%lu value(s) given, but %lu wanted", (unsigned long)count,
                        (unsigned long)want);
-    if (type->info->kind == simString) {
-        simPutText(target, size, words[0]);
+    if (isText(type)) {
+        simPutText(type, target, words[0]);
         return 0;
     }
     copy = callocMustSucceed(1, size, "simValueSet");
@@ -682,11 +727,12 @@ void simValueGet(const simMemory *mem, const simPlace *place, const simType *typ
                  simText *out)
 {
     const epicsUInt8 *p = place->block->bytes + place->offset;
-    size_t i;
+    size_t i, length;
 
-    if (type->info->kind == simString) {
+    if (isText(type)) {
+        p = textOf(type, p, &length);
         simTextAdd(out, "\"");
-        for (i = 0; i < type->count && p[i]; i++)
+        for (i = 0; i < length && p[i]; i++)
             simTextAdd(out,
                        isprint(p[i]) && p[i] != '"' && p[i] != '\\' ? "%c" : "\\x%02x",
                        p[i]);

@@ -50,6 +50,7 @@ typedef enum simKind {
     simUnsigned,
     simReal,
     simString,
+    simS7String, /* two bytes, most and present number of characters; then those */
     simBcd,
     simDtl
 } simKind;
@@ -60,7 +61,7 @@ typedef struct simTypeInfo {
     size_t size; /* bytes of one element */
 } simTypeInfo;
 
-/* A type with its number of elements; for STRING the number of bytes. */
+/* A type with its number of elements; for STRING and S7STRING of characters. */
 typedef struct simType {
     const simTypeInfo *info;
     size_t count;
@@ -84,7 +85,7 @@ simBlock *simMemoryFindName(const simMemory *mem, const char *name);
 /* "DB10 (IE_TX)", for messages; a static text for each of the last four calls. */
 const char *simBlockName(const simBlock *block);
 
-/* Reads "INT16", "INT16[20]", "STRING[40]". Returns 0, or -1 with the reason in error. */
+/* Reads "INT16", "INT16[20]", "STRING[40]", "S7STRING[16]". Returns 0, or -1 with the reason in error. */
 int simTypeParse(const char *text, simType *type, char error[SIM_ERROR_SIZE]);
 /* Bytes that a value of this type takes. */
 size_t simTypeSize(const simType *type);
@@ -98,14 +99,14 @@ int simPlaceCheck(const simPlace *place, const simType *type, char error[SIM_ERR
 /* The type that an address alone means: DBX BOOL, DBB UINT8, DBW UINT16, DBD UINT32. */
 int simPlaceType(const simPlace *place, simType *type, char error[SIM_ERROR_SIZE]);
 
-/* One element at p, clipped to the type's range. Not for STRING, TIME and DTL. */
+/* One element at p, clipped to the type's range. Not for texts, TIME and DTL. */
 void simPutReal(const simTypeInfo *info, epicsUInt8 *p, int bit, int bigEndian,
                 double value);
 /* An integer of 1, 2, 4 or 8 bytes. */
 void simPutInt(epicsUInt8 *p, size_t size, int bigEndian, epicsUInt64 value);
 epicsUInt64 simGetInt(const epicsUInt8 *p, size_t size, int bigEndian);
-/* Text, cut or filled with zeros to size bytes. */
-void simPutText(epicsUInt8 *p, size_t size, const char *text);
+/* Text of a STRING or S7STRING, cut or filled with zeros. */
+void simPutText(const simType *type, epicsUInt8 *p, const char *text);
 /* Siemens DATE_AND_TIME: 8 bytes BCD  yy mm dd HH MM SS mm mw  (ms and weekday, Sunday
  * 1). `seconds` since 1970 UTC. */
 void simPutBcdTime(epicsUInt8 *p, double seconds);

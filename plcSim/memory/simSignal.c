@@ -204,7 +204,7 @@ static int shapeFits(const simSignal *signal)
     simArgs args = signal->shape->args;
 
     if (args == argTexts)
-        return kind == simString;
+        return kind == simString || kind == simS7String;
     if (args == argOffset)
         return kind == simBcd || kind == simDtl;
     return kind == simBool || kind == simInteger || kind == simUnsigned ||
@@ -310,7 +310,7 @@ void simSignalWrite(const simMemory *mem, const simSignal *signal,
     case argTexts:
         which =
             (size_t)fmod(floor(moment->time / signal->period), (double)signal->textCount);
-        simPutText(p, simTypeSize(&signal->type), signal->texts[which]);
+        simPutText(&signal->type, p, signal->texts[which]);
         break;
     case argOffset:
         if (signal->type.info->kind == simBcd)
