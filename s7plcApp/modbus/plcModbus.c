@@ -231,7 +231,7 @@ static void takeHealed(plcModbus *m)
     m->someHealed = 0;
 }
 
-int plcModbusTake(plcModbus *m, plcModbusNews *news, void *input, void *output)
+int plcModbusTake(plcModbus *m, plcNews *news, void *input, void *output)
 {
     int has, again;
 

@@ -18,6 +18,7 @@
 #include "plcFaults.h"
 #include "plcImage.h"
 #include "plcModbusPlan.h"
+#include "plcTransport.h"
 
 typedef struct plcModbus plcModbus;
 
@@ -49,28 +50,6 @@ typedef struct plcModbusOptions {
     double heartbeat;         /* ms between two counts; 0: 1000 */
 } plcModbusOptions;
 
-/* What has happened since the last plcModbusTake. */
-typedef struct plcModbusNews {
-    int lost;                  /* the socket is of no use any more, because: */
-    char why[PLC_REASON_SIZE]; /* "no answer for 1.0 s", "connection closed by PLC" */
-    unsigned blocks;           /* how often the input image was filled anew */
-    epicsTimeStamp stamp;      /* when the newest, in `input`, was complete */
-    int shown;                 /* 1: `output` holds what the PLC has in the output ranges,
-                                * and for what is ordered meanwhile, that. Without output
-                                * ranges, 1 at connect */
-    char unread[PLC_REASON_SIZE]; /* "": or why the PLC does not show them (news when this
-                                   * begins or changes; shown is 0 then) */
-    int inFaults, outFaults;   /* 1: something changed in these */
-    char log[PLC_REASON_SIZE + 80]; /* a line for the log, "": none. Transitions only */
-    int idle;                  /* all writes that were ordered are through (or refused) */
-    /* counts since the last call */
-    unsigned requests, exceptions, timeouts;
-    epicsUInt64 bytesIn, bytesOut; /* of requests and answers, with their headers */
-    unsigned writes;           /* write requests that were acknowledged; no heartbeat */
-    double latency;            /* ms, last request; 0: none */
-    double latencyMax;         /* ms */
-} plcModbusNews;
-
 /* No thread yet; but it takes a descriptor for libmodbus, which can only use those below
  * 1024: call it when the PLC is configured. Without one, each connection is lost at once,
  * with the reason. */
@@ -97,6 +76,6 @@ void plcModbusWrite(plcModbus *modbus, const void *image, const void *mask);
 
 /* Fetches the news; `input` and `output` (inSize and outSize bytes) are only filled when
  * blocks or shown are not 0. Returns 0 when there is none. */
-int plcModbusTake(plcModbus *modbus, plcModbusNews *news, void *input, void *output);
+int plcModbusTake(plcModbus *modbus, plcNews *news, void *input, void *output);
 
 #endif /* INC_plcModbus_H */

@@ -69,7 +69,7 @@ struct plcModbus {
     epicsUInt8 *order, *owed; /* newest values, and which bits have not left */
     int ordered;              /* some bits of owed are set */
     int writing;              /* a write is under way */
-    plcModbusNews news;
+    plcNews news;
     int hasNews;
     unsigned moreLog; /* lines for which there was no room */
     epicsUInt8 *inNews, *outNews;

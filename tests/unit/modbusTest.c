@@ -397,7 +397,7 @@ typedef struct world {
     plcFaults *inFaults, *outFaults;
     epicsEventId woken;
     SOCKET socket;
-    plcModbusNews all; /* since the start: sums, and the last words */
+    plcNews all; /* since the start: sums, and the last words */
     char log[2000];
     epicsUInt8 input[4096], output[4096], image[4096], mask[4096];
 } world;
@@ -479,7 +479,7 @@ static void start(world *w, const epicsUInt8 *glueIn, const epicsUInt8 *glueOut)
 /* Takes the news, adds them up. */
 static void take(world *w)
 {
-    plcModbusNews n;
+    plcNews n;
 
     plcModbusTake(w->modbus, &n, w->input, w->output);
     w->all.blocks += n.blocks;
@@ -1125,7 +1125,7 @@ static void testStop(void)
 {
     plc *p = plcCreate();
     world *w = worldCreate(p, "holding 0 10 every 5", "holding 20 10", 1);
-    plcModbusNews news;
+    plcNews news;
     int i, silent = 1;
 
     plcOneRule(p, 0, 0, 65535, isSilent, 0);

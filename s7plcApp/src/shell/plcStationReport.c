@@ -101,8 +101,8 @@ void plcStationReport(plcStation *s, FILE *file, int level)
         s->policy->report(s->policyPvt, file, level);
     if (level < 1)
         return;
-    if (s->modbus.on)
-        plcWireReport(s, file);
+    if (s->exchange)
+        plcExchangeReport(s, file);
     plcStationOptionsText(s, text, sizeof(text));
     fprintf(file, "    options: %s\n", text[0] ? text : "all default");
     fprintf(file, "    I/O Intr records: %u in, %u out\n", plcScanCount(s->inScan),

@@ -119,7 +119,7 @@ static void setLine(plcStation *s, unsigned i, const plcStationConfig *config)
     epicsSnprintf(s->address[i], sizeof(s->address[i]), "%s", config->address[i]);
     s->plus[i] = config->plus[i];
     s->port[i] = config->port;
-    if (config->modbus)
+    if (config->transport)
         plcConnectionInit(&s->lines[i].connection, 0, 0); /* others make sense of it */
     else
         plcConnectionInit(&s->lines[i].connection, s->inSize, s->outSize);
@@ -140,15 +140,15 @@ static void startThread(plcStation *s)
     }
 }
 
-int plcStationModbusOutput(plcStation *s, const char *host, int port, const plcWire *wire,
-                           char *error, size_t size)
+int plcStationOutputBy(plcStation *s, const char *host, int port,
+                       const plcTransport *transport, const void *own, char *error, size_t size)
 {
     const char *why = NULL;
 
     if (s->started)
         why = "comes before iocInit";
-    else if (s->modbus.on)
-        why = "the outputs of this PLC leave over Modbus already";
+    else if (s->exchange)
+        why = "the outputs of this PLC have a wire of their own already";
     else if (plcStationIsPair(s))
         why = "not for a redundant pair";
     else if (s->options.sync)
@@ -162,7 +162,7 @@ int plcStationModbusOutput(plcStation *s, const char *host, int port, const plcW
     s->port[1] = port;
     epicsSnprintf(s->outReason, sizeof(s->outReason), "not connected yet");
     plcConnectionInit(&s->lines[1].connection, 0, 0);
-    plcWireCreate(s, wire, 1);
+    plcExchangeCreate(s, transport, own, 1);
     s->lineCount = 2;
     return 0;
 }
@@ -200,8 +200,8 @@ plcStation *plcStationCreate(const plcStationConfig *config)
     for (i = 0; i < s->lineCount; i++)
         setLine(s, i, config);
     makePipe(s);
-    if (config->modbus)
-        plcWireCreate(s, config->modbus, 0);
+    if (config->transport)
+        plcExchangeCreate(s, config->transport, config->transportOwn, 0);
 
     lockList();
     ellAdd(&stations, &s->node);
@@ -278,7 +278,7 @@ void plcStationsDestroy(void)
     while ((s = (plcStation *)ellGet(&stations))) {
         if (s->policy->destroy)
             s->policy->destroy(s->policyPvt);
-        plcWireDestroy(s);
+        plcExchangeDestroy(s);
         for (i = 0; i < s->lineCount; i++) {
             plcConnectionFree(&s->lines[i].connection);
             free(s->lines[i].spare);
@@ -351,7 +351,7 @@ plcImage *plcStationOutput(plcStation *s)
 /* Why outputs go nowhere. With the lock held. */
 static const char *outReason(const plcStation *s)
 {
-    return plcLineIsOutput(s, s->modbus.line) ? s->outReason : s->reason;
+    return plcStationHasOutLine(s) ? s->outReason : s->reason;
 }
 
 void plcStationGate(plcStation *s)
@@ -413,17 +413,17 @@ void plcStationAddReadback(plcStation *s, const void *key, size_t out, size_t in
 
     if (placed)
         plcReadbackAdd(s->readback, key, out, in, length, mask);
-    if (s->modbus.on)
-        plcReadbackAdd(placed ? s->modbus.readback : s->modbus.tracked, key, out, out,
+    if (s->exchange)
+        plcReadbackAdd(placed ? s->exchange->readback : s->exchange->tracked, key, out, out,
                        length, mask);
 }
 
 void plcStationRemoveReadback(plcStation *s, const void *key)
 {
     plcReadbackRemove(s->readback, key);
-    if (s->modbus.on) {
-        plcReadbackRemove(s->modbus.readback, key);
-        plcReadbackRemove(s->modbus.tracked, key);
+    if (s->exchange) {
+        plcReadbackRemove(s->exchange->readback, key);
+        plcReadbackRemove(s->exchange->tracked, key);
     }
 }
 
@@ -434,7 +434,7 @@ int plcStationShowsOutputs(plcStation *s)
     epicsMutexMustLock(s->lock);
     track = s->options.track;
     epicsMutexUnlock(s->lock);
-    return s->modbus.on && track;
+    return s->exchange && track;
 }
 
 long plcStationMirror(plcStation *s)
@@ -511,12 +511,12 @@ int plcStationOutputConnected(plcStation *s, char reason[PLC_REASON_SIZE])
 
 plcFaults *plcStationInFaults(plcStation *s)
 {
-    return s->modbus.inFaults;
+    return s->exchange ? s->exchange->inFaults : NULL;
 }
 
 plcFaults *plcStationOutFaults(plcStation *s)
 {
-    return s->modbus.outFaults;
+    return s->exchange ? s->exchange->outFaults : NULL;
 }
 
 IOSCANPVT plcStationInRecord(plcStation *s, size_t offset, size_t length,
@@ -593,7 +593,7 @@ int plcStationMove(plcStation *s, const char *text, char *error, size_t size)
         s->moved = 1;
     }
     if (port && s->outHere)
-        strcpy(s->address[s->modbus.line], host);
+        strcpy(s->address[s->exchange->line], host);
     epicsMutexUnlock(s->lock);
     if (!port) {
         epicsSnprintf(error, size, "need host:port");
@@ -631,9 +631,9 @@ static int optionsFit(plcStation *s, const plcOptions *o, char *error, size_t si
                       "header of the blocks");
         return -1;
     }
-    if (o->sync && s->modbus.on) {
+    if (o->sync && s->exchange) {
         epicsSnprintf(error, size, "option sync: the handshake is in the blocks both ways, "
-                      "and this PLC gets its values over Modbus");
+                      "and this PLC gets its values over %s", s->exchange->transport->name);
         return -1;
     }
     if (o->sync && (s->inSize < PLC_HEADER_SIZE || s->outSize < PLC_HEADER_SIZE)) {

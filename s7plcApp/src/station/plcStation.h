@@ -16,10 +16,10 @@
 
 #include "plcFaults.h"
 #include "plcImage.h"
-#include "plcModbusPlan.h"
 #include "plcOptions.h"
 #include "plcPolicy.h"
 #include "plcStats.h"
+#include "plcTransport.h"
 #include "plcUsers.h"
 
 typedef struct plcStation plcStation;
@@ -35,15 +35,6 @@ typedef enum {
     plcStateLayout      /* sync=on or layoutAt, and the layout ids differ */
 } plcStationState;
 
-/* Modbus/TCP: which registers and bits, of which unit. Ranges from plcRangesParse. */
-typedef struct plcWire {
-    int unit;           /* 0 to 255 */
-    plcRange *inputs;   /* allocated: the station takes them over */
-    unsigned inputCount;
-    plcRange *outputs;  /* the same */
-    unsigned outputCount;
-} plcWire;
-
 typedef struct plcStationConfig {
     const char *name;       /* 1 to PLC_NAME_MAX characters, no '/', no blank */
     const char *address[PLC_LINKS_MAX]; /* host name or dotted IP, or "" (records of
@@ -57,8 +48,8 @@ typedef struct plcStationConfig {
     unsigned sendInterval;  /* ms between two output blocks at least */
     const plcPolicy *policy;
     void *policyPvt;
-    const plcWire *modbus;  /* NULL: blocks. Else all data goes over Modbus/TCP; inSize and
-                               outSize are those of the ranges */
+    const plcTransport *transport; /* NULL: blocks. Else all data goes by this one */
+    const void *transportOwn; /* its setup; the transport makes a copy */
 } plcStationConfig;
 
 #define PLC_BLOCK_MAX (16u << 20) /* bytes: a larger block is a typing error */
@@ -67,11 +58,11 @@ typedef struct plcStationConfig {
  * iocInit its thread waits for plcStationsStart; later it starts at once. */
 plcStation *plcStationCreate(const plcStationConfig *config);
 
-/* Before iocInit: outputs of a station that gets blocks leave over Modbus/TCP, to this host
- * ("": that of the station) and port. Its output ranges have outSize bytes. Returns 0; or -1
- * with the message in error. */
-int plcStationModbusOutput(plcStation *station, const char *host, int port,
-                           const plcWire *wire, char *error, size_t size);
+/* Before iocInit: outputs of a station that gets blocks leave by this transport, to this
+ * host ("": that of the station) and port. Returns 0, and the transport has a copy of `own`;
+ * or -1 with the message in error. */
+int plcStationOutputBy(plcStation *station, const char *host, int port,
+                       const plcTransport *transport, const void *own, char *error, size_t size);
 
 /* The station of this name, or NULL. Any thread. */
 plcStation *plcStationFind(const char *name);
@@ -128,8 +119,8 @@ typedef struct plcListener {
     void (*received)(void *pvt, const void *block);
     /* The records have this block now. */
     void (*delivered)(void *pvt, const void *block, const epicsTimeStamp *stamp);
-    /* All bytes of this output block, outSize bytes, are with the kernel; over Modbus: what
-     * has changed of it is on its way. */
+    /* All bytes of this output block, outSize bytes, are with the kernel; by a transport:
+     * what has changed of it is on its way. */
     void (*sent)(void *pvt, const void *block);
     /* The connection or the validity of the input may have changed: ask again. */
     void (*changed)(void *pvt);
@@ -151,7 +142,7 @@ void plcStationAddReadback(plcStation *station, const void *key, size_t out, siz
 void plcStationRemoveReadback(plcStation *station, const void *key);
 
 /* True when outputs without R= have to be added too (in: PLC_NO_PLACE), because the PLC shows
- * them where they are: Modbus, with track=on. */
+ * them where they are: a transport, with track=on. */
 int plcStationShowsOutputs(plcStation *station);
 #define PLC_NO_PLACE ((size_t)-1)
 
@@ -169,11 +160,11 @@ void plcStationOnTake(plcStation *station, void (*follow)(plcStation *station));
  * while the data is still valid. *reason (may be NULL) says why not. */
 int plcStationConnected(plcStation *station, char reason[PLC_REASON_SIZE]);
 
-/* The same for the connection by which outputs leave, which may be another one (Modbus). */
+/* The same for the connection by which outputs leave, which may be another one. */
 int plcStationOutputConnected(plcStation *station, char reason[PLC_REASON_SIZE]);
 
 /* Bits of the input or output image that the PLC did not give or take, and why: where the
- * wire tells (Modbus), else NULL. Stays the same after iocInit. */
+ * wire tells, else NULL. Stays the same after iocInit. */
 plcFaults *plcStationInFaults(plcStation *station);
 plcFaults *plcStationOutFaults(plcStation *station);
 

@@ -43,8 +43,8 @@ void plcInputSetLeads(plcStation *s)
     int connected = s->leader >= 0 || (plcStationIsPair(s) && s->valid);
     int leads = connected;
 
-    if (plcLineIsOutput(s, s->modbus.line))
-        leads = s->lines[s->modbus.line].connection.state == plcConnectionUp;
+    if (plcStationHasOutLine(s))
+        leads = s->lines[s->exchange->line].connection.state == plcConnectionUp;
     epicsAtomicSetIntT(&s->connected, connected);
     epicsAtomicSetIntT(&s->leads, leads);
     epicsMutexMustLock(s->lock);
@@ -119,7 +119,7 @@ PLC_COLD void plcInputInvalidate(plcStation *s, int state, const char *reason)
         layoutShow(s, plcLayoutUnknown);
     s->holding = 0;
     s->valid = 0;
-    if (!plcLineIsOutput(s, s->modbus.line)) /* else the outputs have a fate of their own */
+    if (!plcStationHasOutLine(s)) /* else the outputs have a fate of their own */
         epicsAtomicSetIntT(&s->taken, 0);
     plcInputSetLeads(s);
     plcImageInvalidate(s->in, reason);
@@ -255,14 +255,14 @@ PLC_COLD static void takeReadback(plcStation *s, const void *block)
         plcInputFollow(s, places);
 }
 
-/* The first block of a connection. Where outputs go over Modbus, the registers themselves
- * tell what the PLC holds; the block does when the PLC does not show them. */
+/* The first block of a connection. Where the wire shows what the PLC holds of the
+ * outputs, that counts; the block does where it does not. */
 static void takeShown(plcStation *s, const void *block)
 {
-    if (s->modbus.on && !s->modbus.unread)
+    if (s->exchange && !s->exchange->unread)
         return;
     takeReadback(s, block);
-    if (s->modbus.on)
+    if (s->exchange)
         plcImageOwe(s->out, NULL, NULL);
 }
 

@@ -28,7 +28,9 @@ static const char *lineName(plcStation *s, unsigned i)
 {
     static const char *const names[] = {"FIRST ", "SECOND "};
 
-    return plcStationIsPair(s) ? names[i] : plcLineIsModbus(s, i) ? "Modbus " : "";
+    if (plcStationIsPair(s))
+        return names[i];
+    return plcLineExchanges(s, i) ? s->exchange->transport->prefix : "";
 }
 
 void plcLineReason(plcStation *s, unsigned i, const char *reason)
@@ -82,7 +84,7 @@ PLC_COLD static void setLeader(plcStation *s, int leader, epicsUInt64 now)
         s->dirtySince = 0;
         epicsAtomicSetIntT(&s->sendNow, 0);
         s->nextOutScan = now + plcMsToNs(s->now.sendInterval);
-        if (epicsAtomicGetIntT(&s->written) && !s->now.sync && !s->modbus.on)
+        if (epicsAtomicGetIntT(&s->written) && !s->now.sync && !s->exchange)
             plcImageTouch(s->out);
     }
     plcScanRequestAll(s->statusScan);
@@ -180,9 +182,9 @@ PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char
     line->fruitless = plcLineIsOutput(s, i)
                           ? !epicsAtomicGetIntT(&s->taken)
                           : s->inSize && !plcStationIsPair(s) && !line->lastBlock;
-    if (plcLineIsModbus(s, i)) {
-        plcWireLost(s, why);
-        plcWireDown(s);
+    if (plcLineExchanges(s, i)) {
+        plcExchangeLost(s, why);
+        plcExchangeDown(s);
     }
     /* No old block may reach one of a pair when another leads already. */
     if (plcStationIsPair(s))
@@ -233,8 +235,8 @@ PLC_COLD static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
     epicsMutexMustLock(s->lock);
     s->stats.connects++;
     epicsMutexUnlock(s->lock);
-    if (plcLineIsModbus(s, i))
-        plcWireUp(s);
+    if (plcLineExchanges(s, i))
+        plcExchangeUp(s);
     if (plcLineIsOutput(s, i)) {
         plcInputSetLeads(s);
         return;
@@ -305,7 +307,7 @@ PLC_HOT void plcLineStep(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64
             plcEarlier(wake, due);
         }
     }
-    if (c->state == plcConnectionUp && s->inSize && !plcLineIsModbus(s, i) &&
+    if (c->state == plcConnectionUp && s->inSize && !plcLineExchanges(s, i) &&
         (!plcStationIsPair(s) || (int)i == s->leader)) {
         due = (line->lastBlock ? line->lastBlock : c->since) +
               plcMsToNs(s->now.recvTimeout);
@@ -465,7 +467,7 @@ PLC_HOT void plcLineReady(plcStation *s, unsigned i, short revents, epicsUInt64 
 PLC_HOT int plcLineSocket(const plcStation *s, unsigned i)
 {
     const plcConnection *c = &s->lines[i].connection;
-    int worker = plcLineIsModbus(s, i) && c->state == plcConnectionUp;
+    int worker = plcLineExchanges(s, i) && c->state == plcConnectionUp;
 
     return worker || c->state == plcConnectionDown ? -1 : c->socket;
 }

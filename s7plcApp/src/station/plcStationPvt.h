@@ -15,7 +15,6 @@
 #include <epicsMutex.h>
 
 #include "plcConnection.h"
-#include "plcModbus.h"
 #include "plcLink.h"
 #include "plcReadback.h"
 #include "plcSync.h"
@@ -23,25 +22,24 @@
 #include "plcResolver.h"
 #include "plcScan.h"
 #include "plcStation.h"
+#include "plcTransport.h"
 
-/* Modbus: what the thread and the worker of the wire hand each other. */
-typedef struct plcModbusSide {
-    int on;                /* 0: no Modbus here, and nothing of this is used */
-    plcWire wire;
-    plcModbusSetup setup;
-    plcModbus *worker;     /* its threads end with ours */
+/* What the thread and a transport with a worker hand each other. */
+typedef struct plcExchange {
+    const plcTransport *transport;
+    void *pvt;             /* the transport's own */
     unsigned line;         /* its connection; 0: all data goes there, 1: the output */
     plcFaults *inFaults, *outFaults; /* inFaults is NULL where input comes by block */
-    plcReadback *readback; /* places that take what the registers show at connect */
+    plcReadback *readback; /* places that take what the PLC shows at connect */
     plcReadback *tracked;  /* and whenever it changes */
     /* owned by the thread */
     char *input, *output;  /* as news brings them */
-    char *image, *mask;    /* what is written next */
+    char *image, *mask;    /* what is put next */
     int waiting;           /* the connection is up, the worker has not got it yet */
     int shown;             /* `output` is news that nobody has looked at yet */
-    int unread;            /* the PLC does not show its output registers */
-    epicsUInt64 ordered;   /* when the oldest write under way was made; 0: none is */
-} plcModbusSide;
+    int unread;            /* the PLC does not show its outputs */
+    epicsUInt64 ordered;   /* when the oldest put under way was made; 0: none is */
+} plcExchange;
 
 /* One way to the PLC, with its connection. Owned by the thread. */
 typedef struct plcLine {
@@ -71,8 +69,8 @@ struct plcStation {
     const plcPolicy *policy;
     void *policyPvt;
 
-    plcModbusSide modbus;
-    unsigned lineCount; /* of the policy, and one for output over Modbus */
+    plcExchange *exchange; /* NULL: blocks both ways */
+    unsigned lineCount;    /* of the policy, and one for output over another wire */
 
     plcImage *in, *out;
     plcReadback *readback;
@@ -102,7 +100,7 @@ struct plcStation {
     char address[PLC_LINKS_MAX][PLC_NAME_MAX + 1]; /* host as configured */
     int plus[PLC_LINKS_MAX];
     int port[PLC_LINKS_MAX];
-    int outHere;                   /* output over Modbus goes to the address of line 0 */
+    int outHere;                   /* the output line goes to the address of line 0 */
     int moved;                     /* an address or a port is new */
     char reason[PLC_REASON_SIZE];  /* why not connected */
     char outReason[PLC_REASON_SIZE]; /* the same of a line that is only for output */
@@ -227,8 +225,8 @@ void plcLineStep(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64 *wake);
 /* The data of a pair lives on for recvTimeout without a leader. */
 void plcLineDataStep(plcStation *s, epicsUInt64 *wake);
 
-/* The socket of line i for poll(); -1: none. While a line speaks Modbus its worker watches
- * it, and knows why it ends. */
+/* The socket of line i for poll(); -1: none. The worker of a transport watches its own, and
+ * knows why it ends. */
 int plcLineSocket(const plcStation *s, unsigned i);
 
 /* poll() reported something about line i. */
@@ -243,44 +241,51 @@ void plcLineTellPolicy(plcStation *s, plcEvent event, unsigned i, epicsUInt64 no
 /* Why there is no connection, for AMSG and statistics. */
 void plcLineReason(plcStation *s, unsigned i, const char *reason);
 
-/* True for a line that only carries output (Modbus), while blocks come by another. */
+/* True for a line that only carries output, while blocks come by another. */
 static inline int plcLineIsOutput(const plcStation *s, unsigned i)
 {
-    return s->modbus.on && s->modbus.line == i && i > 0;
+    return s->exchange && s->exchange->line == i && i > 0;
 }
 
-/* True for a line that the Modbus worker uses. */
-static inline int plcLineIsModbus(const plcStation *s, unsigned i)
+/* True for a line that a transport with a worker uses. */
+static inline int plcLineExchanges(const plcStation *s, unsigned i)
 {
-    return s->modbus.on && s->modbus.line == i;
+    return s->exchange && s->exchange->line == i;
 }
 
-/* --- plcStationModbus.c: between the thread and the worker of the wire; the thread only
- * ----------------------*/
+/* True when outputs leave by a line of their own. */
+static inline int plcStationHasOutLine(const plcStation *s)
+{
+    return s->exchange && s->exchange->line > 0;
+}
+
+/* --- plcExchange.c: between the thread and a transport with a worker; the thread only -----*/
 
 /* The thread begins / ends. */
-void plcWireBegin(plcStation *s);
-void plcWireEnd(plcStation *s);
+void plcExchangeBegin(plcStation *s);
+void plcExchangeEnd(plcStation *s);
 
 /* The connection is up / was up, and is lost for this reason / is gone. */
-void plcWireUp(plcStation *s);
-void plcWireLost(plcStation *s, const char *why);
-void plcWireDown(plcStation *s);
+void plcExchangeUp(plcStation *s);
+void plcExchangeLost(plcStation *s, const char *why);
+void plcExchangeDown(plcStation *s);
 
 /* What the worker has to tell. */
-void plcWireStep(plcStation *s, epicsUInt64 now);
+void plcExchangeStep(plcStation *s, epicsUInt64 now);
 
 /* What records have written. */
-void plcWireOutputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake);
+void plcExchangeOutputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake);
 
 /* Hands the options on. */
-void plcWireOptions(plcStation *s);
+void plcExchangeOptions(plcStation *s);
 
-/* A line for the wire, and one for each range. Any thread. */
-void plcWireReport(plcStation *s, FILE *file);
+/* Lines of the transport for a report. Any thread. */
+void plcExchangeReport(plcStation *s, FILE *file);
 
-/* By plcStation.c, while there is no thread. */
-void plcWireCreate(plcStation *s, const plcWire *wire, unsigned line);
-void plcWireDestroy(plcStation *s);
+/* By plcStation.c, while there is no thread: the transport copies `own`. Line 0: all data
+ * goes there, 1: only the output. */
+void plcExchangeCreate(plcStation *s, const plcTransport *transport, const void *own,
+                       unsigned line);
+void plcExchangeDestroy(plcStation *s);
 
 #endif /* INC_plcStationPvt_H */

@@ -122,8 +122,8 @@ static void outputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
 
     if (!epicsAtomicGetIntT(&s->running) || !s->outSize || !layoutKnown(s))
         return;
-    if (s->modbus.on) {
-        plcWireOutputStep(s, now, wake);
+    if (s->exchange) {
+        plcExchangeOutputStep(s, now, wake);
         return;
     }
     if (s->leader < 0)
@@ -209,8 +209,8 @@ PLC_HOT static void takeOrders(plcStation *s, epicsUInt64 now)
     epicsMutexUnlock(s->lock);
     if (changed && s->policy->options)
         s->policy->options(s->policyPvt, &s->now);
-    if (changed && s->modbus.on)
-        plcWireOptions(s);
+    if (changed && s->exchange)
+        plcExchangeOptions(s);
     for (i = 0; moved && i < s->lineCount; i++) {
         if (s->lines[i].connection.state == plcConnectionUp)
             plcLineLost(s, i, now, why);
@@ -229,8 +229,8 @@ static void begin(plcStation *s)
     epicsMutexMustLock(s->lock);
     s->optionsChanged = 1;
     epicsMutexUnlock(s->lock);
-    if (s->modbus.on)
-        plcWireBegin(s);
+    if (s->exchange)
+        plcExchangeBegin(s);
     takeOrders(s, 0);
     plcScanHere(s->inScan);
     plcSyncInit(&s->sync, (epicsUInt16)s->now.layout);
@@ -321,8 +321,8 @@ PLC_HOT void plcStationThread(void *arg)
         }
         if (s->policyWake && s->looked >= s->policyWake)
             plcLineTellPolicy(s, plcEventTick, 0, now);
-        if (s->modbus.on)
-            plcWireStep(s, now);
+        if (s->exchange)
+            plcExchangeStep(s, now);
         for (i = 0; i < s->lineCount; i++)
             plcLineStep(s, i, now, &wake);
         plcLineDataStep(s, &wake);
@@ -335,8 +335,8 @@ PLC_HOT void plcStationThread(void *arg)
             plcEarlier(&wake, s->policyWake);
         waitFor(s, wake);
     }
-    if (s->modbus.on)
-        plcWireEnd(s);
+    if (s->exchange)
+        plcExchangeEnd(s);
     for (i = 0; i < s->lineCount; i++) {
         plcConnectionClose(&s->lines[i].connection, NULL, 0);
         plcResolverRelease(s->lines[i].resolver);

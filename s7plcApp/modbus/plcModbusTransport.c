@@ -1,0 +1,163 @@
+/* Modbus/TCP as a transport: the station's table of functions on the worker of plcModbus.
+ *
+ * Knows options and reports; nothing of stations or records.
+ */
+#include <stdlib.h>
+
+#include <cantProceed.h>
+
+#include "plcModbus.h"
+#include "plcModbusTransport.h"
+#include "plcOptions.h"
+#include "plcStats.h"
+
+/* Between two counts of the heartbeat register, where the option heartbeat is not set; ms. */
+#define HEARTBEAT_MS 1000
+
+typedef struct modbusTransport {
+    plcModbusOwn own;
+    plcModbusSetup setup;
+    plcModbus *worker; /* NULL after end, until begin */
+} modbusTransport;
+
+static void begin(void *pvt)
+{
+    modbusTransport *t = pvt;
+
+    if (!t->worker)
+        t->worker = plcModbusCreate(&t->setup);
+}
+
+static void end(void *pvt)
+{
+    modbusTransport *t = pvt;
+
+    plcModbusDestroy(t->worker);
+    t->worker = NULL;
+}
+
+static void *create(const plcTransportSetup *setup, const void *own)
+{
+    modbusTransport *t = callocMustSucceed(1, sizeof(*t), "plcModbusTransport");
+    const plcModbusOwn *o = own;
+
+    t->own = *o;
+    t->setup = (plcModbusSetup){.name = setup->name,
+                                .unit = o->unit,
+                                .bigEndian = setup->bigEndian,
+                                .inputs = o->inputs,
+                                .inputCount = o->inputCount,
+                                .inSize = setup->inSize,
+                                .outputs = o->outputs,
+                                .outputCount = o->outputCount,
+                                .outSize = setup->outSize,
+                                .inFaults = setup->inFaults,
+                                .outFaults = setup->outFaults,
+                                .wake = setup->wake,
+                                .arg = setup->arg};
+    begin(t); /* now: it needs a low descriptor, and nobody knows what opens more */
+    return t;
+}
+
+static void destroy(void *pvt)
+{
+    modbusTransport *t = pvt;
+
+    end(t);
+    free(t->own.inputs);
+    free(t->own.outputs);
+    free(t);
+}
+
+static void options(void *pvt, const plcOptions *o)
+{
+    modbusTransport *t = pvt;
+    plcModbusOptions chosen = {.requestTimeout = o->requestTimeout,
+                               .readPeriod = o->readPeriod,
+                               .singleWrite = o->singleWrite,
+                               .readModifyWrite = o->maskWrite == plcMaskRmw,
+                               .heartbeatRegister = (int)o->heartbeatRegister,
+                               .heartbeat =
+                                   o->heartbeat > 0 ? o->heartbeat : HEARTBEAT_MS};
+
+    plcModbusSetOptions(t->worker, &chosen);
+}
+
+static void up(void *pvt, SOCKET socket, const epicsUInt8 *wholeIn,
+               const epicsUInt8 *wholeOut)
+{
+    modbusTransport *t = pvt;
+
+    plcModbusStart(t->worker, socket, wholeIn, wholeOut);
+}
+
+static void down(void *pvt)
+{
+    modbusTransport *t = pvt;
+
+    plcModbusStop(t->worker);
+}
+
+static int news(void *pvt, plcNews *n, void *input, void *output)
+{
+    modbusTransport *t = pvt;
+
+    return plcModbusTake(t->worker, n, input, output);
+}
+
+static void put(void *pvt, const void *image, const void *mask)
+{
+    modbusTransport *t = pvt;
+
+    plcModbusWrite(t->worker, image, mask);
+}
+
+static void reportRanges(const plcRange *ranges, unsigned count, plcFaults *faults,
+                         const char *what, FILE *file)
+{
+    char reason[PLC_REASON_SIZE];
+    unsigned i;
+
+    for (i = 0; i < count; i++) {
+        const plcRange *r = &ranges[i];
+
+        fprintf(file, "    %s %s %u to %u: byte %u to %u", what, plcTableName(r->table),
+                r->start, r->start + r->count - 1, (unsigned)r->offset,
+                (unsigned)(r->offset + plcRangeBytes(r) - 1));
+        if (r->period)
+            fprintf(file, ", every %u ms", r->period);
+        if (faults && plcFaultsFind(faults, r->offset, plcRangeBytes(r), NULL, reason))
+            fprintf(file, "; %s", reason);
+        fprintf(file, "\n");
+    }
+}
+
+static void report(void *pvt, const char *where, const char *state, const plcStats *st,
+                   FILE *file)
+{
+    modbusTransport *t = pvt;
+    const plcModbusOwn *o = &t->own;
+
+    fprintf(file, "    Modbus %s unit %d: %s, %llu requests, %llu exceptions, %llu not "
+            "answered, latency [ms] %.3f (max %.3f)\n", where, o->unit, state,
+            (unsigned long long)st->requests, (unsigned long long)st->exceptions,
+            (unsigned long long)st->requestTimeouts, st->requestLatency,
+            st->requestLatencyMax);
+    reportRanges(o->inputs, o->inputCount, t->setup.inFaults, "in: ", file);
+    reportRanges(o->outputs, o->outputCount, t->setup.outFaults, "out:", file);
+}
+
+const plcTransport plcModbusTransport = {
+    .name = "Modbus",
+    .prefix = "Modbus ",
+    .create = create,
+    .destroy = destroy,
+    .begin = begin,
+    .end = end,
+    .options = options,
+    .up = up,
+    .down = down,
+    .news = news,
+    .put = put,
+    .report = report,
+};

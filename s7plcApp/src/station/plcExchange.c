@@ -1,0 +1,342 @@
+/* Between a station's thread and a transport with a worker: news become blocks, alarms and
+ * counters; what records have put is handed over.
+ *
+ * Knows nothing of requests or of what the wire is. All functions run in the station's
+ * thread, but for create, destroy and the report; none waits.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include <cantProceed.h>
+#include <epicsAtomic.h>
+#include <epicsStdio.h>
+#include <errlog.h>
+
+#include "plcStationPvt.h"
+
+/* A put may take this long until the PLC shows it, beyond the period of reading, ms. */
+#define PATIENCE_MS 1000
+
+void plcExchangeCreate(plcStation *s, const plcTransport *transport, const void *own,
+                       unsigned line)
+{
+    plcExchange *x = callocMustSucceed(1, sizeof(*x), "plcExchangeCreate");
+    plcTransportSetup setup = {.name = s->name,
+                               .bigEndian = s->bigEndian,
+                               .inSize = line == 0 ? s->inSize : 0,
+                               .outSize = s->outSize,
+                               .wake = plcStationWake,
+                               .arg = s};
+
+    x->transport = transport;
+    x->line = line;
+    x->inFaults = setup.inFaults = setup.inSize ? plcFaultsCreate(s->inSize) : NULL;
+    x->outFaults = setup.outFaults = plcFaultsCreate(s->outSize);
+    x->readback = plcReadbackCreate();
+    x->tracked = plcReadbackCreate();
+    x->input = callocMustSucceed(1, s->inSize + 1, "plcExchangeCreate");
+    x->output = callocMustSucceed(3, s->outSize + 1, "plcExchangeCreate");
+    x->image = x->output + s->outSize;
+    x->mask = x->image + s->outSize;
+    plcImageTrackWrites(s->out);
+    x->pvt = transport->create(&setup, own);
+    s->exchange = x;
+}
+
+void plcExchangeBegin(plcStation *s)
+{
+    s->exchange->transport->begin(s->exchange->pvt);
+}
+
+void plcExchangeEnd(plcStation *s)
+{
+    s->exchange->transport->end(s->exchange->pvt);
+}
+
+void plcExchangeDestroy(plcStation *s)
+{
+    plcExchange *x = s->exchange;
+
+    if (!x)
+        return;
+    x->transport->destroy(x->pvt);
+    plcReadbackDestroy(x->readback);
+    plcReadbackDestroy(x->tracked);
+    plcFaultsDestroy(x->inFaults);
+    plcFaultsDestroy(x->outFaults);
+    free(x->input);
+    free(x->output);
+    free(x);
+    s->exchange = NULL;
+}
+
+void plcExchangeOptions(plcStation *s)
+{
+    s->exchange->transport->options(s->exchange->pvt, &s->now);
+}
+
+/* --- The connection -----------------------------------------------------------------------*/
+
+/* Which bytes of a block belong to one value: a request may end between values only. To be
+ * freed; NULL when no record needs it. */
+static epicsUInt8 *wholeValues(plcStation *s, int output)
+{
+    size_t count, i, byte;
+    plcUser *users = plcUsersCopy(s->users, output, &count);
+    epicsUInt8 *whole = NULL;
+
+    if (count)
+        whole = callocMustSucceed(1, (output ? s->outSize : s->inSize) + 1, "wholeValues");
+    for (i = 0; i < count; i++)
+        for (byte = 1; users[i].type->size > 1 && byte < users[i].length; byte++)
+            if (byte % users[i].type->size)
+                whole[users[i].offset + byte] = 1;
+    free(users);
+    return whole;
+}
+
+/* Not before all records are there: the worker must know where values lie, or it would cut
+ * one. */
+static void startWhenReady(plcStation *s)
+{
+    plcExchange *x = s->exchange;
+    epicsUInt8 *in, *out;
+
+    if (!x->waiting || !epicsAtomicGetIntT(&s->ready))
+        return;
+    x->waiting = 0;
+    in = x->inFaults ? wholeValues(s, 0) : NULL;
+    out = wholeValues(s, 1);
+    x->transport->up(x->pvt, s->lines[x->line].connection.socket, in, out);
+    free(in);
+    free(out);
+}
+
+void plcExchangeUp(plcStation *s)
+{
+    plcExchange *x = s->exchange;
+
+    x->ordered = 0;
+    x->waiting = 1;
+    startWhenReady(s);
+}
+
+/* What waits has not reached the PLC, and nobody knows when it will. It is owed to the next
+ * connection, as is all that the PLC does not show then. */
+void plcExchangeLost(plcStation *s, const char *why)
+{
+    plcExchange *x = s->exchange;
+
+    plcImageTakeChanges(s->out, x->image, x->mask);
+    if (plcFaultsSet(x->outFaults, 0, s->outSize, x->mask, why))
+        plcInputFollow(s, 0);
+}
+
+void plcExchangeDown(plcStation *s)
+{
+    plcExchange *x = s->exchange;
+
+    x->waiting = 0;
+    x->transport->down(x->pvt);
+    x->shown = x->unread = 0; /* no block may tell what the next connection is asked for */
+    epicsAtomicSetIntT(&s->taken, 0);
+}
+
+/* --- News ---------------------------------------------------------------------------------*/
+
+static void countNews(plcStation *s, const plcNews *news, epicsUInt64 now)
+{
+    plcExchange *x = s->exchange;
+
+    epicsMutexMustLock(s->lock);
+    s->stats.requests += news->requests;
+    s->stats.exceptions += news->exceptions;
+    s->stats.requestTimeouts += news->timeouts;
+    s->stats.bytesIn += news->bytesIn;
+    s->stats.bytesOut += news->bytesOut;
+    s->stats.blocksOut += news->writes;
+    s->stats.blocksIn += news->blocks;
+    if (news->blocks)
+        s->stats.skipped += news->blocks - 1;
+    if (news->latency > 0)
+        s->stats.requestLatency = news->latency;
+    if (news->latencyMax > s->stats.requestLatencyMax)
+        s->stats.requestLatencyMax = news->latencyMax;
+    if (news->writes)
+        s->stats.lastSend = now;
+    if (news->idle && x->ordered) {
+        plcStatsSend(&s->stats, (now - x->ordered) / PLC_NS_PER_MS);
+        x->ordered = 0;
+    }
+    epicsMutexUnlock(s->lock);
+}
+
+/* The connection is good for something: it may be said again when it is lost. */
+static void bearFruit(plcStation *s)
+{
+    plcLine *line = &s->lines[s->exchange->line];
+    char text[80];
+
+    if (line->fruitless) {
+        epicsSnprintf(text, sizeof(text), "%s requests are answered again",
+                      s->exchange->transport->name);
+        plcStationLog(s, errlogInfo, text);
+    }
+    line->fruitless = 0;
+}
+
+/* The input image is new. */
+static void inputCame(plcStation *s, const plcNews *news, epicsUInt64 now)
+{
+    const char *block = s->exchange->input;
+
+    bearFruit(s);
+    s->lines[s->exchange->line].lastBlock = now;
+    plcInputBlock(s, block, s->now.timestamp < 0 ? news->stamp : plcInputStamp(s, block),
+                  news->blocks, now);
+}
+
+/* What the PLC holds as we do is no fault any more. An alarm elsewhere ends with a write that
+ * is acknowledged. */
+static void forgetFaults(plcStation *s, const char *shown)
+{
+    plcExchange *x = s->exchange;
+    size_t i;
+
+    plcImagePeek(s->out, 0, s->outSize, x->image);
+    for (i = 0; i < s->outSize; i++)
+        x->mask[i] = (char)~(x->image[i] ^ shown[i]);
+    plcFaultsClear(x->outFaults, 0, s->outSize, x->mask);
+}
+
+/* The outputs as the PLC holds them, on a new connection: outputs with a read-back
+ * take them, and what else the IOC has written is owed where it differs. */
+static void outputsTake(plcStation *s, const char *shown)
+{
+    plcExchange *x = s->exchange;
+    epicsUInt8 *whole = wholeValues(s, 1);
+    unsigned places = 0;
+
+    if (shown) {
+        places = plcReadbackTake(x->readback, shown, s->out) +
+                 plcReadbackTake(x->tracked, shown, s->out);
+        forgetFaults(s, shown);
+    }
+    bearFruit(s);
+    plcImageOwe(s->out, shown, whole);
+    free(whole);
+    s->dirtySince = 0;
+    epicsAtomicSetIntT(&s->taken, 1);
+    plcInputFollow(s, places);
+}
+
+/* Not before the PINI run is over: its values would come later and count as puts. */
+static void lookAtOutputs(plcStation *s, epicsUInt64 now)
+{
+    plcExchange *x = s->exchange;
+    epicsUInt64 patience = plcMsToNs(s->now.readPeriod + PATIENCE_MS);
+    int first = !epicsAtomicGetIntT(&s->taken);
+    unsigned places;
+
+    if (!epicsAtomicGetIntT(&s->running))
+        return;
+    if (x->shown && first) {
+        outputsTake(s, x->output);
+    } else if (x->shown && s->now.track) {
+        places = plcReadbackTrack(x->tracked, x->output, s->out, now, patience);
+        if (places)
+            plcInputFollow(s, places);
+    } else if (x->unread && first && !plcReadbackCount(s->readback)) {
+        outputsTake(s, NULL); /* else the first block tells */
+    }
+    x->shown = 0;
+}
+
+void plcExchangeStep(plcStation *s, epicsUInt64 now)
+{
+    plcExchange *x = s->exchange;
+    plcNews news;
+    char text[PLC_REASON_SIZE + 60];
+
+    startWhenReady(s);
+    if (x->transport->news(x->pvt, &news, x->input, x->output)) {
+        countNews(s, &news, now);
+        if (news.log[0])
+            plcStationLog(s, errlogMajor, news.log);
+        if (news.shown)
+            x->shown = 1;
+        if (news.unread[0] && !x->unread) {
+            x->unread = 1;
+            epicsSnprintf(text, sizeof(text), "the PLC does not show its outputs: %s",
+                          news.unread);
+            plcStationLog(s, errlogMinor, text);
+        }
+        if (news.blocks)
+            inputCame(s, &news, now);
+        if (news.inFaults && s->valid)
+            plcScanRequestAll(s->inScan);
+        if (news.outFaults)
+            plcInputFollow(s, 0);
+        if (news.inFaults)
+            plcStationChanged(s);
+        if (news.lost) {
+            plcLineLost(s, x->line, now, news.why);
+            return;
+        }
+    }
+    if (s->lines[x->line].connection.state == plcConnectionUp && s->outSize)
+        lookAtOutputs(s, now);
+}
+
+/* --- Orders -------------------------------------------------------------------------------*/
+
+void plcExchangeOutputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
+{
+    plcExchange *x = s->exchange;
+    int forced;
+    epicsUInt64 due;
+
+    if (s->lines[x->line].connection.state != plcConnectionUp ||
+        !epicsAtomicGetIntT(&s->taken))
+        return;
+    forced = epicsAtomicGetIntT(&s->sendNow);
+    if (forced) {
+        epicsAtomicSetIntT(&s->sendNow, 0);
+        plcImageOwe(s->out, NULL, NULL);
+    }
+    if (!plcImageDirty(s->out))
+        return;
+    if (!s->dirtySince)
+        s->dirtySince = now;
+    due = forced ? now : s->dirtySince + plcMsToNs(s->now.holdoff);
+    if (now < due) {
+        plcEarlier(wake, due);
+        return;
+    }
+    plcImageTakeChanges(s->out, x->image, x->mask);
+    x->transport->put(x->pvt, x->image, x->mask);
+    if (s->listener && s->listener->sent)
+        s->listener->sent(s->listenerPvt, x->image);
+    if (!x->ordered)
+        x->ordered = s->dirtySince;
+    s->dirtySince = 0;
+}
+
+/* --- For people; any thread ---------------------------------------------------------------*/
+
+void plcExchangeReport(plcStation *s, FILE *file)
+{
+    const plcExchange *x = s->exchange;
+    plcStats stats;
+    char where[PLC_NAME_MAX + 12], reason[PLC_REASON_SIZE], state[PLC_REASON_SIZE + 20];
+
+    plcStationStats(s, &stats);
+    epicsMutexMustLock(s->lock);
+    epicsSnprintf(where, sizeof(where), "%s:%d", s->address[x->line], s->port[x->line]);
+    epicsMutexUnlock(s->lock);
+    if (plcStationOutputConnected(s, reason))
+        strcpy(state, "connected");
+    else
+        epicsSnprintf(state, sizeof(state), "not connected (%s)", reason);
+    x->transport->report(x->pvt, where, state, &stats, file);
+}

@@ -1,0 +1,100 @@
+/* How a station exchanges values over a wire that acknowledges them: the table of functions by
+ * which the core knows a transport (Modbus/TCP, EtherNet/IP) without knowing what it is.
+ *
+ * The station connects, waits before it tries again, logs, and decides what may leave; it
+ * hands the connected socket to the transport. The transport has a thread of its own, its
+ * worker, which may wait for the PLC; station and worker meet in a mailbox. No transport
+ * calls the station, but for `wake`: the station fetches what there is to tell (plcNews),
+ * and hands over what records have put.
+ *
+ * Functions run in the station's thread unless they say otherwise. None blocks, but for
+ * destroy, which joins the worker.
+ */
+#ifndef INC_plcTransport_H
+#define INC_plcTransport_H
+
+#include <stdio.h>
+
+#include <epicsTime.h>
+#include <epicsTypes.h>
+#include <osiSock.h>
+
+#include "plcFaults.h"
+#include "plcImage.h"
+
+struct plcOptions;
+struct plcStats;
+
+/* What has happened since it was last asked. */
+typedef struct plcNews {
+    int lost;                  /* the socket is of no use any more, because: */
+    char why[PLC_REASON_SIZE]; /* "no answer for 1.0 s", "connection closed by PLC" */
+    unsigned blocks;           /* how often the input image was filled anew */
+    epicsTimeStamp stamp;      /* when the newest was complete */
+    int shown;                 /* 1: it is known what the PLC holds of the output image; for
+                                * what is ordered meanwhile, that. Without outputs, 1 at
+                                * connect */
+    char unread[PLC_REASON_SIZE]; /* "": or why the PLC does not show its outputs (news when
+                                   * this begins or changes; shown is 0 then) */
+    int inFaults, outFaults;   /* 1: something changed in these */
+    char log[PLC_REASON_SIZE + 80]; /* a line for the log, "": none. Transitions only */
+    int idle;                  /* all puts that were ordered are through (or refused) */
+    /* counts since the last call */
+    unsigned requests, exceptions, timeouts;
+    epicsUInt64 bytesIn, bytesOut; /* of requests and answers, with their headers */
+    unsigned writes;           /* write requests that were acknowledged; no heartbeat */
+    double latency;            /* ms, last request; 0: none */
+    double latencyMax;         /* ms */
+} plcNews;
+
+/* What a transport is made of, beside its own setup. */
+typedef struct plcTransportSetup {
+    const char *name;        /* of the PLC; stays where it is */
+    int bigEndian;           /* byte order of 16-bit words in both images; 1: MSB first */
+    size_t inSize;           /* bytes of the input image; 0: input comes by another way */
+    size_t outSize;          /* bytes of the output image */
+    plcFaults *inFaults;     /* where refused reads are put down; NULL with inSize 0 */
+    plcFaults *outFaults;    /* and refused or unanswered writes, bit by bit */
+    void (*wake)(void *arg); /* there may be news: any thread; no lock is held */
+    void *arg;
+} plcTransportSetup;
+
+typedef struct plcTransport {
+    const char *name;   /* "Modbus" */
+    const char *prefix; /* "Modbus ": before log lines about its connection */
+
+    /* Makes one for a PLC, when it is configured. `own` is the transport's own setup, of
+     * which it makes a copy. No thread yet. */
+    void *(*create)(const plcTransportSetup *setup, const void *own);
+    void (*destroy)(void *pvt); /* ends and joins the worker, if there is one */
+
+    /* Before the thread of the station begins, also again after it ended / when it ends. */
+    void (*begin)(void *pvt);
+    void (*end)(void *pvt);
+
+    /* From the next request on. */
+    void (*options)(void *pvt, const struct plcOptions *options);
+
+    /* The socket is connected: begin. `wholeIn` and `wholeOut` (NULL: nothing is known) have
+     * a byte for each byte of an image, not 0 where it belongs to the same value as the one
+     * before: such a value is transferred as a whole. They are the station's. */
+    void (*up)(void *pvt, SOCKET socket, const epicsUInt8 *wholeIn,
+               const epicsUInt8 *wholeOut);
+    /* The connection is to be given up: no news of it comes any more. */
+    void (*down)(void *pvt);
+
+    /* Fetches the news. *input and *output, of inSize and outSize bytes, are filled when
+     * blocks or shown are not 0. Returns 0 when there is none. */
+    int (*news)(void *pvt, plcNews *news, void *input, void *output);
+
+    /* Puts: the bits of `image` that are set in `mask`, both outSize bytes. They join what
+     * was handed over before and has not left. */
+    void (*put)(void *pvt, const void *image, const void *mask);
+
+    /* Lines for s7plcReport: `where` is "host:port", `state` "connected" or why not. Any
+     * thread. */
+    void (*report)(void *pvt, const char *where, const char *state,
+                   const struct plcStats *stats, FILE *file);
+} plcTransport;
+
+#endif /* INC_plcTransport_H */
