@@ -1,5 +1,6 @@
 """Connect, loss and return of the PLC, alarms, and the records of the connection itself."""
 import struct
+from pathlib import Path
 
 import pytest
 
@@ -221,3 +222,33 @@ def test_move_from_nowhere(new_peer, new_ioc):
     peer.wait_connected()
     peer.send(block(4))
     ioc.wait_value("in", 4)
+
+
+def reads_of(ioc, thread):
+    """Calls of read() that a thread of the IOC has made: its sockets are not among them, the
+    pipe that wakes it is."""
+    for task in Path(f"/proc/{ioc.process.pid}/task").iterdir():
+        if (task / "comm").read_text().strip() == thread:
+            words = (task / "io").read_text().split()
+            return int(words[words.index("syscr:") + 1])
+    raise AssertionError(f"no thread {thread}")
+
+
+def test_no_wakes_after_loss(new_peer, new_ioc):
+    """after a lost connection a block costs no more than before: nothing wakes the thread"""
+    peer = new_peer(8, 4)
+    ioc = new_ioc(peer.configure(recv_timeout=60000), DB)
+    peer.wait_connected()
+    counts = []
+    for connection in (1, 2):
+        peer.send(block(1))
+        ioc.wait_value("in", 1)
+        before = reads_of(ioc, "PLC")
+        for number in range(2, 52):
+            peer.send(block(number))
+            ioc.wait_value("in", number)
+        counts.append(reads_of(ioc, "PLC") - before)
+        if connection == 1:
+            peer.hang_up()
+            peer.wait_connected(2)
+    assert max(counts) < 10, f"{counts} reads for 50 blocks before and after a loss"

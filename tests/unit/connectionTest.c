@@ -122,6 +122,20 @@ static void testInput(void)
     plcConnectionFree(&c);
 }
 
+static void testLasted(void)
+{
+    plcConnection c;
+    int fd = connected(&c, 4, 0), status = 0;
+    epicsUInt64 later = c.since + 3000000000u;
+
+    toolClose(fd);
+    while (status >= 0 && await(&c))
+        status = plcConnectionReceive(&c, later);
+    testOk(status == -1 && c.since == later && c.lasted == 3000000000u,
+           "closed by the PLC after 3 s: it is known how long the connection lasted");
+    plcConnectionFree(&c);
+}
+
 static void testReset(void)
 {
     plcConnection c;
@@ -221,10 +235,11 @@ static void testAgain(void)
 
 MAIN(connectionTest)
 {
-    testPlan(2 + 5 + 3 + 2 + 4 + 6);
+    testPlan(2 + 5 + 3 + 1 + 2 + 4 + 6);
     testRefused();
     testMade();
     testInput();
+    testLasted();
     testReset();
     testPartialSend();
     testAgain();

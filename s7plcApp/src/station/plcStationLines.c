@@ -169,11 +169,13 @@ PLC_COLD static void countVerdict(plcLine *line, epicsUInt64 now)
 PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char *why)
 {
     plcLine *line = &s->lines[i];
+    const plcConnection *c = &line->connection;
+    epicsUInt64 lasted = c->state == plcConnectionUp ? now - c->since : c->lasted;
     char text[200];
     int led = (int)i == s->leader;
 
     /* One that held for a while was good: a PLC that hangs up at once is tried slower. */
-    if (now - line->connection.since >= plcMsToNs(SETTLED_MS))
+    if (lasted >= plcMsToNs(SETTLED_MS))
         line->failures = 0;
     epicsSnprintf(text, sizeof(text), "%sdisconnected: %s", lineName(s, i), why);
     if (!line->fruitless && !(line->wrongSize && babbles(line)))
@@ -278,13 +280,17 @@ PLC_COLD static void lineOpen(plcStation *s, unsigned i, epicsUInt64 now)
 static int lossSeen(plcStation *s, const plcLine *line, epicsUInt64 now,
                     epicsUInt64 *wake)
 {
-    if (!line->lostAt || now - line->lostAt >= plcMsToNs(LOSS_SEEN_MS))
-        return 1;
-    epicsAtomicSetIntT(&s->waiting, 1);
-    if (!plcScanBusy(s->inScan))
-        return 1;
-    plcEarlier(wake, line->lostAt + plcMsToNs(LOSS_SEEN_MS));
-    return 0;
+    epicsUInt64 limit = line->lostAt + plcMsToNs(LOSS_SEEN_MS);
+    int seen = 1;
+
+    if (line->lostAt && now < limit) {
+        epicsAtomicSetIntT(&s->waiting, 1);
+        seen = !plcScanBusy(s->inScan);
+        plcEarlier(wake, seen ? PLC_NEVER : limit);
+    }
+    if (seen) /* else the end of each pass would wake us for ever */
+        epicsAtomicSetIntT(&s->waiting, 0);
+    return seen;
 }
 
 /* Timers of one connection. */

@@ -117,6 +117,8 @@ void plcConnectionClose(plcConnection *c, const char *why, epicsUInt64 now)
     if (c->socket != INVALID_SOCKET)
         epicsSocketDestroy(c->socket);
     c->socket = INVALID_SOCKET;
+    if (c->state == plcConnectionUp)
+        c->lasted = now - c->since;
     if (c->state != plcConnectionDown)
         c->since = now;
     c->state = plcConnectionDown;

@@ -25,6 +25,7 @@ typedef struct plcConnection {
     plcConnectionState state;
     SOCKET socket;
     epicsUInt64 since;    /* monotonic ns: when `state` began */
+    epicsUInt64 lasted;   /* ns: how long the last connection was up */
     plcFraming *framing;
     size_t outSize;
     char *out;            /* the block that leaves */
