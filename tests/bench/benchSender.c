@@ -15,6 +15,7 @@
  * Arguments: stations cells changing outSize. Then it prints "ports p1 p2 ... modbus p", and
  * obeys lines on standard input, each answered by one line:
  *     wait              until every station is connected       "connected"
+ *     drop              closes the connections of all stations  "dropped"
  *     run RATE COUNT    COUNT blocks per station, RATE/s each   "sent N late MS"
  *     clear             forgets the puts seen                   "cleared"
  *     puts              latency of the puts seen, ms        "puts N P50 P99 MAX BLOCKS"
@@ -244,6 +245,20 @@ static void modbusReceive(void)
     modbusSocket = -1;
 }
 
+/* The IOC has to connect anew. */
+static void dropAll(void)
+{
+    int i;
+
+    for (i = 0; i < numStations; i++) {
+        if (stations[i].socket >= 0)
+            close(stations[i].socket);
+        stations[i].socket = -1;
+        stations[i].left = stations[i].fill = 0;
+    }
+    printf("dropped\n");
+}
+
 static int compare(const void *a, const void *b)
 {
     double x = *(const double *)a, y = *(const double *)b;
@@ -270,6 +285,8 @@ static void command(char *line)
         startRun(count);
     } else if (strncmp(line, "wait", 4) == 0) {
         waiting = 1;
+    } else if (strncmp(line, "drop", 4) == 0) {
+        dropAll();
     } else if (strncmp(line, "clear", 5) == 0) {
         numSamples = 0;
         outBlocks = 0;
