@@ -15,6 +15,7 @@
 
 #include "simCommand.h"
 #include "simConsole.h"
+#include "simServers.h"
 
 #define MAX_COMMANDS 64
 
@@ -53,8 +54,12 @@ static void onWakeup(void *arg, int fd, short revents)
 static int usage(FILE *fp)
 {
     simText keys = {NULL, 0, 0};
+    simConfig config;
 
-    simConfigHelp(&keys);
+    simConfigInit(&config);
+    simServersKeys(&config);
+    simConfigHelp(&config, &keys);
+    simConfigFree(&config);
     fprintf(
         fp,
         "usage: plcSim [options] file.plc\n"
@@ -69,9 +74,7 @@ static int usage(FILE *fp)
         "  -k, --check               check the file, then end\n"
         "  -h, --help                this text\n"
         "\nKeys of the file, with their defaults:\n%s"
-        "\nStatements of the file: db, init, signal, mirror, modbus, tx, rx. Type `help` "
-        "for "
-        "commands.\n",
+        "\nStatements of the file: docs/plcsim.md. Type `help` for commands.\n",
         keys.text);
     simTextFree(&keys);
     return fp == stderr;
@@ -205,6 +208,7 @@ static int configure(simulator *sim, const options *opt)
     int errors, i;
 
     simConfigInit(config);
+    simServersKeys(config);
     errors = simConfigRead(config, opt->file);
     errors += overrideAll(sim, opt);
     sim->isPair = config->role != simSingle;
@@ -217,7 +221,7 @@ static int configure(simulator *sim, const options *opt)
     sim->count = config->role == simBoth ? 2 : 1;
     for (i = 0; i < sim->count; i++) {
         simTextFree(&messages); /* both say the same */
-        if (simPlcBuild(&sim->plc[i], &sim->loop, config,
+        if (simPlcBuild(&sim->plc[i], &sim->loop, config, simServers,
                         sim->isPair ? names[config->role][i] : config->name, &messages))
             errors++;
     }
@@ -229,31 +233,37 @@ static int configure(simulator *sim, const options *opt)
 
 static void sayListening(const simPlc *plc)
 {
-    simSay("plcSim: %s listening on %s", plc->name, simServerAddress(&plc->server));
-    if (plc->modbus.enabled)
-        simSay("plcSim: %s Modbus listening on %s", plc->name,
-               simModbusAddress(&plc->modbus));
+    size_t i;
+
+    for (i = 0; i < plc->serverCount; i++) {
+        const simServerType *type = plc->servers[i].type;
+        const char *address = type->address(plc->servers[i].state);
+
+        if (address)
+            simSay("plcSim: %s %s%slistening on %s", plc->name, type->title,
+                   type->title[0] ? " " : "", address);
+    }
 }
 
 /* Both halves listen on the same port: with port 0, on one that is free for both. */
 static int startServers(simulator *sim)
 {
     const simConfig *config = &sim->config;
-    int tries = config->port ? 1 : 20;
+    int tries, status = 1;
 
     if (config->role == simSecond)
-        return simPlcStart(&sim->plc[0], config->second, config->port);
-    for (; tries > 0; tries--) {
-        if (simPlcStart(&sim->plc[0], config->address, config->port))
-            return -1;
-        if (sim->count == 1 ||
-            simPlcStart(&sim->plc[1], config->second,
-                        ntohs(sim->plc[0].server.listener.address.sin_port)) == 0)
-            return 0;
-        simPlcStop(&sim->plc[0]);
-        simPlcStop(&sim->plc[1]);
+        return simPlcStart(&sim->plc[0], config->second, NULL);
+    for (tries = 20; tries > 0 && status > 0; tries--) {
+        status = simPlcStart(&sim->plc[0], config->address, NULL);
+        if (status || sim->count == 1)
+            return status;
+        status = simPlcStart(&sim->plc[1], config->second, &sim->plc[0]);
+        if (status) {
+            simPlcStop(&sim->plc[0]);
+            simPlcStop(&sim->plc[1]);
+        }
     }
-    return -1;
+    return status;
 }
 
 static int startPair(simulator *sim)

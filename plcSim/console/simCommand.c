@@ -14,41 +14,21 @@
 
 static void showPlc(simCall *c, simPlc *plc)
 {
-    simServer *server = &plc->server;
-    const simServerCounts *n = &server->counts;
     simText *out = c->out;
+    size_t i;
 
-    simTextAdd(
-        out, "%s: listening on %s, in %lu bytes, out %lu bytes, %s endian, every %g ms\n",
-        plc->name, simServerAddress(server), (unsigned long)server->inSize,
-        (unsigned long)server->outSize, plc->memory.bigEndian ? "big" : "little",
-        plc->period * 1e3);
+    simTextAdd(out, "%s: %s endian, every %g ms\n", plc->name,
+               plc->memory.bigEndian ? "big" : "little", plc->period * 1e3);
     simTextAdd(out, "state: %s%s%s\n", plc->off ? "off" : "on",
                plc->local ? ", LOCAL" : ", REMOTE",
                plc->freeze == freezeAll         ? ", frozen"
                : plc->freeze == freezeHeartbeat ? ", heartbeat frozen"
                                                 : "");
-    if (simServerConnected(server))
-        simTextAdd(out, "client: %s for %.3f s\n", server->peer,
-                   simNow() - server->connectTime);
-    else
-        simTextAdd(out, "client: none\n");
-    simTextAdd(out, "connections: %llu\n", (unsigned long long)n->connections);
-    simTextAdd(out, "sent: %llu blocks, %llu bytes, %llu skipped\n",
-               (unsigned long long)n->blocksSent, (unsigned long long)n->bytesSent,
-               (unsigned long long)n->blocksSkipped);
-    simTextAdd(out, "received: %llu blocks, %llu bytes\n",
-               (unsigned long long)n->blocksReceived,
-               (unsigned long long)n->bytesReceived);
-    if (plc->ignored)
-        simTextAdd(out, "ignored as BACKUP: %llu blocks\n",
-                   (unsigned long long)plc->ignored);
     simTextAdd(out, "restarts: %u\n", plc->restarts);
     simProgramStatus(&plc->program, out);
-    simTextAdd(out, "faults:%s", plc->program.refuseSync ? " refuse-sync" : "");
-    simServerFaultText(server, out);
-    simTextAdd(out, "\n");
-    simModbusStatus(&plc->modbus, out);
+    for (i = 0; i < plc->serverCount; i++)
+        if (plc->servers[i].type->status)
+            plc->servers[i].type->status(plc->servers[i].state, out);
 }
 
 static int doStatus(simCall *c)
@@ -104,33 +84,6 @@ static int doDump(simCall *c)
     if (!block)
         return simCallFail(c, "allowed are in, out, DB10 or the name of a block");
     simTextDump(c->out, block->bytes, block->size);
-    return 0;
-}
-
-/* received: numbers and the last block. received n: the last n blocks, oldest first. */
-static int doReceived(simCall *c)
-{
-    simPlc *plc = c->plc;
-    const simServerCounts *n = &plc->server.counts;
-    unsigned long wanted = 1;
-    epicsUInt64 i;
-
-    if (c->count && simCallNumber(c, 0, 1000000, &wanted))
-        return -1;
-    if (wanted > plc->historySize)
-        wanted = plc->historySize;
-    if (wanted > plc->historyCount)
-        wanted = (unsigned long)plc->historyCount;
-    simTextAdd(c->out, "blocks %llu bytes %llu partial %lu\n",
-               (unsigned long long)n->blocksReceived,
-               (unsigned long long)n->bytesReceived, (unsigned long)plc->server.filled);
-    for (i = plc->historyCount - wanted; i < plc->historyCount; i++) {
-        const simReceived *block = &plc->history[i % plc->historySize];
-
-        simTextAdd(c->out, "%llu %.6f ", (unsigned long long)i + 1, block->time);
-        simTextHex(c->out, block->bytes, plc->server.outSize);
-        simTextAdd(c->out, "\n");
-    }
     return 0;
 }
 
@@ -222,11 +175,52 @@ static int doPeriod(simCall *c)
     return 0;
 }
 
-/* signal and mirror: the words before are the command's name and belong to the statement.
- */
-static int doStatement(simCall *c)
+static int doSignal(simCall *c)
 {
-    return simPlcStatement(c->plc, c->words - 1, c->count + 1, c->error);
+    return simPlcSignal(c->plc, c->words, c->count, c->error);
+}
+
+static int doNormal(simCall *c)
+{
+    simPlcNormal(c->plc);
+    return 0;
+}
+
+static int doFreeze(simCall *c)
+{
+    if (c->count == 0 || !strcasecmp(c->words[0], "all"))
+        c->plc->freeze = freezeAll;
+    else if (!strcasecmp(c->words[0], "heartbeat"))
+        c->plc->freeze = freezeHeartbeat;
+    else
+        return simCallFail(c, "allowed are heartbeat and all");
+    return 0;
+}
+
+static int doUnfreeze(simCall *c)
+{
+    c->plc->freeze = freezeNothing;
+    return 0;
+}
+
+static int doUnplug(simCall *c)
+{
+    simPlc *plc = simCallPlc(c);
+
+    if (!plc)
+        return -1;
+    simPlcUnplug(plc, 1);
+    return 0;
+}
+
+static int doPlug(simCall *c)
+{
+    simPlc *plc = simCallPlc(c);
+
+    if (!plc)
+        return -1;
+    simPlcUnplug(plc, 0);
+    return 0;
 }
 
 static int doQuit(simCall *c)
@@ -249,15 +243,15 @@ static const simCommand commands[] = {
     {"hmi", 2, SIM_MAX_WORDS, doHmi, 0, "[receive|check] <address> [type] <value>",
      "the HMI sets a value, now or at that moment"},
     {"dump", 1, 1, doDump, 0, "in|out|<block>", "all bytes of a block"},
-    {"received", 0, 1, doReceived, 0, "[n]",
-     "number of blocks from the IOC and the last n"},
-    {"signal", 3, SIM_MAX_WORDS, doStatement, 1, "<address> <type> <kind> ...",
+    {"signal", 3, SIM_MAX_WORDS, doSignal, 1, "<address> <type> <kind> ...",
      "one more signal, as in the file"},
-    {"mirror", 4, 4, doStatement, 1, "<offset> <length> -> <offset>",
-     "one more read-back, as in the file"},
     {"period", 1, 1, doPeriod, 1, "<ms>", "time from block to block"},
-    {"modbus", 0, SIM_MAX_WORDS, simDoModbus, 0, "[<word> ...]",
-     "Modbus: its status; faults and more: modbus help"},
+    {"unplug", 0, 1, doUnplug, 1, "[n]", "pull the network cable of PLC n"},
+    {"plug", 0, 1, doPlug, 1, "[n]", "put it back"},
+    {"freeze", 0, 1, doFreeze, 1, "[heartbeat|all]",
+     "counters, or all signals, stand still"},
+    {"unfreeze", 0, 0, doUnfreeze, 1, "", "they move again"},
+    {"normal", 0, 0, doNormal, 1, "", "end all faults"},
     {"restart", 0, 3, doRestart, 1, "[n] [ms] [cold]",
      "power the PLC (of a pair: n) off and on"},
     {"switchover", 0, 0, doSwitchover, 1, "", "the PRIMARY hands over to the BACKUP"},
@@ -269,23 +263,31 @@ static const simCommand commands[] = {
 };
 /* clang-format on */
 
-static const struct list {
-    const simCommand *commands;
-    size_t count;
-} lists[] = {
-    {commands,         sizeof(commands) / sizeof(commands[0])},
-    {simFaultCommands, SIM_FAULT_COMMANDS                    },
-};
+#define OWN_COUNT (sizeof(commands) / sizeof(commands[0]))
 
-static const simCommand *findCommand(const char *name)
+static const simCommand *findIn(const simCommand *list, size_t count, const char *name)
 {
-    size_t i, k;
+    size_t i;
 
-    for (k = 0; k < 2; k++)
-        for (i = 0; i < lists[k].count; i++)
-            if (!strcasecmp(name, lists[k].commands[i].name))
-                return &lists[k].commands[i];
+    for (i = 0; i < count; i++)
+        if (!strcasecmp(name, list[i].name))
+            return &list[i];
     return NULL;
+}
+
+/* One of our own, or of a server, which is stored then. */
+static const simCommand *findCommand(const simPlc *plc, const char *name,
+                                     const simPlcServer **server)
+{
+    const simCommand *command = findIn(commands, OWN_COUNT, name);
+    size_t i;
+
+    *server = NULL;
+    for (i = 0; i < plc->serverCount && !command; i++) {
+        *server = &plc->servers[i];
+        command = findIn((*server)->type->commands, (*server)->type->commandCount, name);
+    }
+    return command;
 }
 
 static void helpLine(const simCommand *command, simText *out)
@@ -296,21 +298,31 @@ static void helpLine(const simCommand *command, simText *out)
     simTextAdd(out, "  %-38s %s\n", what, command->help);
 }
 
+static void helpList(const simCommand *list, size_t count, simText *out)
+{
+    size_t i;
+
+    for (i = 0; i < count; i++)
+        helpLine(&list[i], out);
+}
+
 static int doHelp(simCall *c)
 {
-    size_t i, k;
+    const simPlcServer *server;
+    size_t i;
 
     if (c->count) {
-        const simCommand *command = findCommand(c->words[0]);
+        const simCommand *command = findCommand(c->plc, c->words[0], &server);
 
         if (!command)
             return simCallFail(c, "\"%.40s\" is no command", c->words[0]);
         helpLine(command, c->out);
         return 0;
     }
-    for (k = 0; k < 2; k++)
-        for (i = 0; i < lists[k].count; i++)
-            helpLine(&lists[k].commands[i], c->out);
+    helpList(commands, OWN_COUNT, c->out);
+    for (i = 0; i < c->plc->serverCount; i++)
+        helpList(c->plc->servers[i].type->commands,
+                 c->plc->servers[i].type->commandCount, c->out);
     return 0;
 }
 
@@ -338,12 +350,15 @@ static int choosePlc(simCall *c)
 static int run(simCall *c)
 {
     const simCommand *command;
+    const simPlcServer *server;
 
     if (choosePlc(c))
         return -1;
-    command = findCommand(c->words[0]);
+    command = findCommand(c->plc, c->words[0], &server);
     if (!command)
         return simCallFail(c, "\"%.40s\" is no command; try help", c->words[0]);
+    if (server && !server->type->address(server->state))
+        return simCallFail(c, "%s", server->type->off);
     c->words++;
     c->count--;
     if (c->count < command->min || c->count > command->max)

@@ -20,30 +20,12 @@
 
 /* ---- keys ---- */
 
-typedef enum keyKind {
-    keyText,
-    keyCount,
-    keyUnsigned,
-    keyTime,
-    keyChoice,
-    keyOrNone
-} keyKind;
-
 /* clang-format off */
-static const struct key {
-    const char *name;
-    keyKind kind;
-    size_t offset;   /* in simConfig */
-    double min, max; /* of numbers; of times in s */
-    const char *initial;
-    const char *choices; /* "no|yes": the index is stored; keyOrNone: the word for -1 */
-    const char *help;
-} keys[] = {
+static const simKey ownKeys[] = {
 #define AT(member) offsetof(simConfig, member)
     {"name", keyText, AT(name), 1, SIM_NAME_SIZE - 1, "PLC", NULL, "name in the log"},
     {"address", keyText, AT(address), 1, SIM_MAX_ADDRESS - 1, "127.0.0.1", NULL,
      "address to listen on"},
-    {"port", keyUnsigned, AT(port), 0, 65535, "2000", NULL, "TCP port, 0 = any free one"},
     {"in", keyCount, AT(in), 0, SIM_MAX_BLOCK, "0", NULL, "bytes in a block PLC -> IOC"},
     {"out", keyCount, AT(out), 0, SIM_MAX_BLOCK, "0", NULL,
      "bytes in a block IOC -> PLC"},
@@ -51,8 +33,6 @@ static const struct key {
      "byte order of the PLC's memory"},
     {"period", keyTime, AT(period), 1e-4, 3600, "100 ms", NULL,
      "time from block to block"},
-    {"clients", keyChoice, AT(keepFirst), 0, 0, "replace", "replace|keep",
-     "a second connection replaces the first, or is closed"},
     {"rcvbuf", keyUnsigned, AT(receiveBuffer), 0, 1 << 24, "0", NULL,
      "bytes of the receive buffer, 0 = the system's default"},
     {"restarttime", keyTime, AT(restartTime), 0, 3600, "500 ms", NULL,
@@ -73,8 +53,6 @@ static const struct key {
      "layout id, 0 = not checked"},
     {"watchdog", keyTime, AT(watchdog), 0, 3600, "3 s", NULL,
      "sync: SYNC falls after this time without a block, 0 = never"},
-    {"sendwatchdog", keyTime, AT(sendWatchdog), 0, 3600, "10 s", NULL,
-     "a block that does not leave ends the connection, 0 = never"},
     {"role", keyChoice, AT(role), 0, 0, "single", "single|pair|first|second",
      "one PLC, a pair, or one half of a pair in this process"},
     {"second", keyText, AT(second), 1, SIM_MAX_ADDRESS - 1, "", NULL,
@@ -89,20 +67,15 @@ static const struct key {
      "interface of FIRST whose cable is watched"},
     {"interface_second", keyText, AT(interface[1]), 1, 15, "", NULL,
      "interface of SECOND whose cable is watched"},
-    {"modbus_port", keyOrNone, AT(modbusPort), 0, 65535, "off", "off",
-     "Modbus/TCP port, 0 = any free one"},
-    {"modbus_unit", keyOrNone, AT(modbusUnit), 0, 255, "1", "any",
-     "unit id that is answered (default 1), or any"},
-    {"modbus_otherunit", keyChoice, AT(modbusGateway), 0, 0, "silence",
-     "silence|exception",
-     "what a request for another unit gets: nothing, or exception 11"},
 #undef AT
 };
 /* clang-format on */
 
-#define KEY_COUNT (sizeof(keys) / sizeof(keys[0]))
+#define KEY_COUNT (sizeof(ownKeys) / sizeof(ownKeys[0]))
 
-static int setNumber(const struct key *key, void *member, const char *value,
+static const simKeyTable ownTable = {ownKeys, KEY_COUNT, 0};
+
+static int setNumber(const simKey *key, void *member, const char *value,
                      char error[SIM_ERROR_SIZE])
 {
     char *end;
@@ -127,7 +100,7 @@ static int setNumber(const struct key *key, void *member, const char *value,
     return 0;
 }
 
-static int setTime(const struct key *key, double *member, const char *value,
+static int setTime(const simKey *key, double *member, const char *value,
                    char error[SIM_ERROR_SIZE])
 {
     char reason[SIM_ERROR_SIZE];
@@ -142,7 +115,7 @@ static int setTime(const struct key *key, double *member, const char *value,
     return 0;
 }
 
-static int setChoice(const struct key *key, int *member, const char *value,
+static int setChoice(const simKey *key, int *member, const char *value,
                      char error[SIM_ERROR_SIZE])
 {
     const char *choice = key->choices;
@@ -161,7 +134,7 @@ static int setChoice(const struct key *key, int *member, const char *value,
     return simFail(error, "%s = %.40s: allowed is %s", key->name, value, key->choices);
 }
 
-static int setText(const struct key *key, char *member, const char *value,
+static int setText(const simKey *key, char *member, const char *value,
                    char error[SIM_ERROR_SIZE])
 {
     size_t length = strlen(value);
@@ -173,53 +146,110 @@ static int setText(const struct key *key, char *member, const char *value,
     return 0;
 }
 
-int simConfigSet(simConfig *config, const char *name, const char *value,
-                 char error[SIM_ERROR_SIZE])
+static int setKey(const simKey *key, void *member, const char *value,
+                  char error[SIM_ERROR_SIZE])
+{
+    switch (key->kind) {
+    case keyText:
+        return setText(key, member, value, error);
+    case keyTime:
+        return setTime(key, member, value, error);
+    case keyChoice:
+        return setChoice(key, member, value, error);
+    default:
+        return setNumber(key, member, value, error);
+    }
+}
+
+static const simKey *findKey(const simKeyTable *table, const char *name)
 {
     size_t i;
 
-    for (i = 0; i < KEY_COUNT; i++) {
-        const struct key *key = &keys[i];
-        void *member = (char *)config + key->offset;
+    for (i = 0; i < table->count; i++)
+        if (!strcasecmp(name, table->keys[i].name))
+            return &table->keys[i];
+    return NULL;
+}
 
-        if (strcasecmp(name, key->name))
-            continue;
-        switch (key->kind) {
-        case keyText:
-            return setText(key, member, value, error);
-        case keyTime:
-            return setTime(key, member, value, error);
-        case keyChoice:
-            return setChoice(key, member, value, error);
-        default:
-            return setNumber(key, member, value, error);
-        }
+int simConfigSet(simConfig *config, const char *name, const char *value,
+                 char error[SIM_ERROR_SIZE])
+{
+    const simKey *key = findKey(&ownTable, name);
+    size_t i;
+
+    if (key)
+        return setKey(key, (char *)config + key->offset, value, error);
+    for (i = 0; i < config->tableCount; i++) {
+        key = findKey(config->tables[i], name);
+        if (key)
+            return setKey(key, (char *)config->values[i] + key->offset, value, error);
     }
     return simFail(error, "\"%.40s\" is no key; `plcSim --help` lists them", name);
 }
 
-void simConfigHelp(simText *out)
+static void helpTable(const simKeyTable *table, simText *out)
 {
     char what[64];
     size_t i;
 
-    for (i = 0; i < KEY_COUNT; i++) {
-        snprintf(what, sizeof(what), "%s = %s", keys[i].name,
-                 keys[i].choices ? keys[i].choices : keys[i].initial);
-        simTextAdd(out, "  %-26s %s\n", what, keys[i].help);
+    for (i = 0; i < table->count; i++) {
+        const simKey *key = &table->keys[i];
+
+        snprintf(what, sizeof(what), "%s = %s", key->name,
+                 key->choices ? key->choices : key->initial);
+        simTextAdd(out, "  %-26s %s\n", what, key->help);
+    }
+}
+
+void simConfigHelp(const simConfig *config, simText *out)
+{
+    size_t i;
+
+    helpTable(&ownTable, out);
+    for (i = 0; i < config->tableCount; i++)
+        helpTable(config->tables[i], out);
+}
+
+static void setDefaults(const simKeyTable *table, void *values)
+{
+    char error[SIM_ERROR_SIZE];
+    size_t i;
+
+    for (i = 0; i < table->count; i++) {
+        const simKey *key = &table->keys[i];
+
+        if (key->initial[0] &&
+            setKey(key, (char *)values + key->offset, key->initial, error))
+            cantProceed("simConfigInit: %s", error);
     }
 }
 
 void simConfigInit(simConfig *config)
 {
-    char error[SIM_ERROR_SIZE];
+    memset(config, 0, sizeof(*config));
+    setDefaults(&ownTable, config);
+}
+
+void simConfigAdd(simConfig *config, const simKeyTable *table)
+{
+    void *values = callocMustSucceed(1, table->size, "simConfigAdd");
+
+    if (config->tableCount == SIM_MAX_KEY_TABLES)
+        cantProceed("simConfigAdd: too many tables");
+    config->tables[config->tableCount] = table;
+    config->values[config->tableCount++] = values;
+    setDefaults(table, values);
+}
+
+const void *simConfigValues(const simConfig *config, const simKeyTable *table)
+{
     size_t i;
 
-    memset(config, 0, sizeof(*config));
-    for (i = 0; i < KEY_COUNT; i++)
-        if (keys[i].initial[0] &&
-            simConfigSet(config, keys[i].name, keys[i].initial, error))
-            cantProceed("simConfigInit: %s", error);
+    for (i = 0; i < config->tableCount; i++)
+        if (config->tables[i] == table)
+            return config->values[i];
+    cantProceed("simConfigValues: the table was not added");
+    return NULL;
 }
 
 void simConfigFree(simConfig *config)
@@ -232,8 +262,10 @@ void simConfigFree(simConfig *config)
         free(config->lines[i].words);
     }
     free(config->lines);
+    for (i = 0; i < config->tableCount; i++)
+        free(config->values[i]);
     config->lines = NULL;
-    config->lineCount = 0;
+    config->lineCount = config->tableCount = 0;
 }
 
 /* ---- lines ---- */

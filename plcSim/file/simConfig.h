@@ -23,29 +23,54 @@ typedef struct simLine {
     size_t count;
 } simLine;
 
+typedef enum simKeyKind {
+    keyText,
+    keyCount,    /* size_t */
+    keyUnsigned, /* unsigned */
+    keyTime,     /* double, s */
+    keyChoice,   /* int: the index */
+    keyOrNone    /* int: a number, or -1 */
+} simKeyKind;
+
+typedef struct simKey {
+    const char *name;
+    simKeyKind kind;
+    size_t offset;   /* in the structure that the table fills */
+    double min, max; /* of numbers; of times in s; of text its length */
+    const char *initial;
+    const char *choices; /* "no|yes": the index is stored; keyOrNone: the word for -1 */
+    const char *help;
+} simKey;
+
+typedef struct simKeyTable {
+    const simKey *keys;
+    size_t count;
+    size_t size; /* bytes of the structure */
+} simKeyTable;
+
+#define SIM_MAX_KEY_TABLES 8
+
 typedef struct simConfig {
     char file[256];
     char name[SIM_NAME_SIZE];
     char address[SIM_MAX_ADDRESS];
-    unsigned port;
     size_t in, out; /* bytes PLC->IOC and IOC->PLC */
     int bigEndian;
-    double period; /* s */
-    int keepFirst;
+    double period;     /* s */
     int receiveBuffer; /* bytes, 0 = default */
     double restartTime;
     unsigned txDb, rxDb, txPtrsDb, rxPtrsDb;
     int sync, local;
     unsigned layout;
-    double watchdog, sendWatchdog; /* s, 0 = none */
-    int role;                      /* simSingle ... */
+    double watchdog; /* s, 0 = none */
+    int role;        /* simSingle ... */
     char second[SIM_MAX_ADDRESS];
     char fibre[SIM_MAX_ADDRESS];
     char interface[2][16]; /* of FIRST and SECOND */
     double switchover, startWait;
-    int modbusPort; /* -1 = no Modbus, 0 = any free one */
-    int modbusUnit; /* -1 = any */
-    int modbusGateway;
+    const simKeyTable *tables[SIM_MAX_KEY_TABLES]; /* of the servers */
+    void *values[SIM_MAX_KEY_TABLES];              /* what they fill */
+    size_t tableCount;
     simLine *lines;
     size_t lineCount;
 } simConfig;
@@ -57,8 +82,12 @@ enum { simSingle, simBoth, simFirst, simSecond };
  * reason in error. */
 int simSplit(char *line, char **words, size_t max, char error[SIM_ERROR_SIZE]);
 
-/* The defaults of all keys. */
+/* The defaults of all keys but those of simConfigAdd(). */
 void simConfigInit(simConfig *config);
+/* One more table of keys, with its defaults. The table must outlive the configuration. */
+void simConfigAdd(simConfig *config, const simKeyTable *table);
+/* The structure that this table fills. */
+const void *simConfigValues(const simConfig *config, const simKeyTable *table);
 void simConfigFree(simConfig *config);
 
 /* Sets a key. Returns -1 with the reason in error; says what is allowed. */
@@ -72,6 +101,6 @@ int simConfigReadText(simConfig *config, const char *file, const char *text,
                       simText *out);
 
 /* Adds a table of all keys. */
-void simConfigHelp(simText *out);
+void simConfigHelp(const simConfig *config, simText *out);
 
 #endif

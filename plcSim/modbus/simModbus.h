@@ -44,8 +44,7 @@ typedef struct simModbusClient simModbusClient;
 typedef struct simModbus {
     simLoop *loop;
     const char *name;
-    int enabled; /* by the configuration */
-    int unit;    /* that is answered, -1 = any */
+    int unit;     /* that is answered, -1 = any */
     int gateway; /* another unit gets exception 11 instead of silence */
     simModbusMap map;
     simAnswerer answerer;

@@ -34,14 +34,6 @@ typedef struct simCommand {
     const char *help;
 } simCommand;
 
-/* The commands that make things go wrong. */
-#define SIM_FAULT_COMMANDS 16
-extern const simCommand simFaultCommands[SIM_FAULT_COMMANDS];
-/* modbus ... */
-int simDoModbus(simCall *c);
-/* All faults of Modbus end. */
-int simModbusNormal(simCall *c);
-
 /* Writes the reason why a command was refused. Returns -1. */
 int simCallFail(simCall *c, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
 /* The command and its words go to the log. */

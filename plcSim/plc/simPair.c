@@ -171,7 +171,7 @@ static int cablePlugged(const simPair *pair)
     struct ifreq request;
     int fd, plugged;
 
-    if (pair->plc->server.faults.unplugged)
+    if (pair->plc->unplugged)
         return 0;
     if (!pair->interface[0])
         return 1;

@@ -1,5 +1,5 @@
-/* simPlc: one PLC: its memory, its signals, the cycle that sends, and what happens to a
- * block that arrives. It knows the server as "send this block" and nothing of consoles.
+/* simPlc: one PLC: its memory, its signals, its program and the cycle that runs it. It
+ * knows its servers by their tables (simServer.h) and nothing of consoles.
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */
@@ -15,9 +15,50 @@
 #include "simPlc.h"
 #include "simPlcFile.h"
 
-#define AREA_SIZE 256                /* bytes of I, Q and M */
-#define HISTORY_BYTES (1024u * 1024) /* memory for received blocks */
-#define HISTORY_BLOCKS 1000u
+#define AREA_SIZE 256 /* bytes of I, Q and M */
+
+/* ---- its servers ---- */
+
+static void tell(simPlc *plc, simEvent event, int value)
+{
+    size_t i;
+
+    for (i = 0; i < plc->serverCount; i++)
+        if (plc->servers[i].type->on[event])
+            plc->servers[i].type->on[event](plc->servers[i].state, value);
+}
+
+static void addServers(simPlc *plc, const simServerType *const *types)
+{
+    for (; *types && plc->serverCount < SIM_MAX_SERVERS; types++) {
+        simPlcServer *server = &plc->servers[plc->serverCount++];
+
+        server->type = *types;
+        server->state = callocMustSucceed(1, server->type->size, "simPlcBuild");
+        server->type->init(server->state, plc);
+    }
+}
+
+static int checkServers(simPlc *plc, simText *out)
+{
+    int errors = 0;
+    size_t i;
+
+    for (i = 0; i < plc->serverCount; i++)
+        if (plc->servers[i].type->check)
+            errors += plc->servers[i].type->check(plc->servers[i].state, out);
+    return errors;
+}
+
+void *simPlcServerOf(const simPlc *plc, const simServerType *type)
+{
+    size_t i;
+
+    for (i = 0; i < plc->serverCount; i++)
+        if (plc->servers[i].type == type)
+            return plc->servers[i].state;
+    return NULL;
+}
 
 /* ---- building ---- */
 
@@ -55,40 +96,8 @@ static void setUpProgram(simPlc *plc)
     program->arg = plc;
 }
 
-static int setUpModbus(simPlc *plc, simText *out)
-{
-    const simConfig *config = plc->config;
-    const char *problem = NULL;
-
-    plc->modbus.enabled = config->modbusPort >= 0;
-    plc->modbus.unit = config->modbusUnit;
-    plc->modbus.gateway = config->modbusGateway;
-    if (plc->modbus.enabled && config->role != simSingle)
-        problem = "Modbus is for one PLC: modbus_port needs role = single";
-    else if (!plc->modbus.enabled && plc->modbus.map.count)
-        problem = "there are modbus areas, but modbus_port = off";
-    if (!problem)
-        return 0;
-    simTextAdd(out, "%s: %s\n", config->file, problem);
-    return 1;
-}
-
-static void makeHistory(simPlc *plc)
-{
-    size_t size = plc->config->out;
-    size_t i;
-
-    plc->historySize = size ? HISTORY_BYTES / size : 0;
-    if (plc->historySize > HISTORY_BLOCKS)
-        plc->historySize = HISTORY_BLOCKS;
-    plc->history =
-        callocMustSucceed(plc->historySize + 1, sizeof(simReceived), "simPlcBuild");
-    for (i = 0; i < plc->historySize; i++)
-        plc->history[i].bytes = callocMustSucceed(1, size, "simPlcBuild");
-}
-
-int simPlcBuild(simPlc *plc, simLoop *loop, const simConfig *config, const char *name,
-                simText *out)
+int simPlcBuild(simPlc *plc, simLoop *loop, const simConfig *config,
+                const simServerType *const *types, const char *name, simText *out)
 {
     char error[SIM_ERROR_SIZE];
     int errors = 0;
@@ -100,22 +109,20 @@ int simPlcBuild(simPlc *plc, simLoop *loop, const simConfig *config, const char 
     plc->period = config->period;
     plc->local = config->local;
     simMemoryInit(&plc->memory, config->bigEndian);
-    simMapInit(&plc->modbus.map, &plc->memory);
     simMemoryAdd(&plc->memory, SIM_AREA_I, 0, AREA_SIZE, NULL);
     simMemoryAdd(&plc->memory, SIM_AREA_Q, 0, AREA_SIZE, NULL);
     simMemoryAdd(&plc->memory, SIM_AREA_M, 0, AREA_SIZE, NULL);
     plc->tx = wireBlock(plc, config->txDb, config->in, "IE_TX", out, &errors);
     plc->rx = wireBlock(plc, config->rxDb, config->out, "IE_RX", out, &errors);
     setUpProgram(plc);
+    addServers(plc, types);
     errors += simPlcStatements(plc, 0, out);
     errors += simPlcStatements(plc, 1, out);
     if (simProgramInit(&plc->program, config->txPtrsDb, config->rxPtrsDb, error)) {
         simTextAdd(out, "%s: %s\n", config->file, error);
         errors++;
     }
-    errors += setUpModbus(plc, out);
-    makeHistory(plc);
-    return errors;
+    return errors + checkServers(plc, out);
 }
 
 static void forgetHmi(simPlc *plc)
@@ -136,13 +143,13 @@ void simPlcFree(simPlc *plc)
 
     for (i = 0; i < plc->signalCount; i++)
         simSignalFree(&plc->signals[i]);
-    for (i = 0; i < plc->historySize; i++)
-        free(plc->history[i].bytes);
-    free(plc->history);
     free(plc->signals);
-    free(plc->mirrors);
+    for (i = 0; i < plc->serverCount; i++) {
+        plc->servers[i].type->free(plc->servers[i].state);
+        free(plc->servers[i].state);
+    }
+    plc->serverCount = 0;
     forgetHmi(plc);
-    simMapFree(&plc->modbus.map);
     simProgramFree(&plc->program);
     simMemoryFree(&plc->memory);
 }
@@ -176,7 +183,7 @@ static void callProgram(simPlc *plc, int send, const epicsUInt8 *received)
     simInputs in;
 
     in.now = simNow();
-    in.connected = simServerConnected(&plc->server) && !plc->passive;
+    in.connected = plc->connected && !plc->passive;
     in.remote = !plc->local;
     in.send = send;
     in.received = received;
@@ -193,43 +200,39 @@ static void onWatch(void *arg)
     callProgram(arg, 0, NULL);
 }
 
-static void tellChanged(simPlc *plc)
+void simPlcCall(simPlc *plc, const epicsUInt8 *received)
+{
+    callProgram(plc, 0, received);
+}
+
+void simPlcChanged(simPlc *plc)
 {
     if (plc->changed)
         plc->changed(plc->changedArg);
 }
 
-/* While SEND is busy nothing is made, so that counters count what was sent. */
-static void makeBlock(simPlc *plc)
+void simPlcMake(simPlc *plc)
 {
     if (plc->passive)
         return;
-    if (simServerConnected(&plc->server) && !simServerReady(&plc->server)) {
-        simServerSend(&plc->server, plc->tx ? plc->tx->bytes : NULL);
-        return;
-    }
     plc->block++;
     plc->program.counterFrozen = plc->freeze != freezeNothing;
     moveSignals(plc);
     callProgram(plc, 1, NULL);
-    if (plc->tx)
-        simServerSend(&plc->server, plc->tx->bytes);
-    tellChanged(plc);
+    tell(plc, simMade, 0);
+    simPlcChanged(plc);
 }
 
-/* SEND watchdog: a block that does not leave ends the connection. */
-static void watchSend(simPlc *plc, double now)
+/* While a server's SEND is busy nothing is made, so that counters count what was sent. */
+static int mayMake(simPlc *plc)
 {
-    simServer *server = &plc->server;
+    int busy = 0;
+    size_t i;
 
-    if (!simServerBusy(server) || server->counts.bytesSent != plc->sentBytes ||
-        server->faults.silence || server->faults.unplugged || server->faults.delay > 0) {
-        plc->sentBytes = server->counts.bytesSent;
-        plc->sentTime = now;
-        return;
-    }
-    if (plc->config->sendWatchdog > 0 && now - plc->sentTime > plc->config->sendWatchdog)
-        simServerDrop(server, 1, "SEND watchdog: the IOC does not read");
+    for (i = 0; i < plc->serverCount; i++)
+        if (plc->servers[i].type->cycle)
+            busy |= plc->servers[i].type->cycle(plc->servers[i].state);
+    return !busy;
 }
 
 static void onCycle(void *arg)
@@ -241,73 +244,27 @@ static void onCycle(void *arg)
     if (plc->next < now - plc->period || plc->next > now + plc->period)
         plc->next = now + plc->period;
     simTimerSet(plc->loop, &plc->cycle, plc->next, onCycle, plc);
-    watchSend(plc, now);
-    if (!plc->server.faults.flood || !simServerConnected(&plc->server))
-        makeBlock(plc);
+    if (mayMake(plc))
+        simPlcMake(plc);
 }
 
-static void onConnected(void *owner)
+static int openServers(simPlc *plc, const char *address, const simPlc *like)
 {
-    callProgram(owner, 0, NULL);
-}
-
-static void onDisconnected(void *owner, const char *reason)
-{
-    (void)reason;
-    callProgram(owner, 0, NULL);
-}
-
-static void remember(simPlc *plc, const epicsUInt8 *block)
-{
-    simReceived *slot = &plc->history[plc->historyCount++ % plc->historySize];
-
-    slot->time = simNow();
-    memcpy(slot->bytes, block, plc->config->out);
-}
-
-static void takeMirrors(simPlc *plc)
-{
+    int status = 0;
     size_t i;
 
-    for (i = 0; i < plc->mirrorCount; i++)
-        memcpy(plc->tx->bytes + plc->mirrors[i].to, plc->rx->bytes + plc->mirrors[i].from,
-               plc->mirrors[i].length);
+    for (i = 0; i < plc->serverCount && !status; i++)
+        status = plc->servers[i].type->open(plc->servers[i].state, address,
+                                            like ? like->servers[i].state : NULL);
+    return status;
 }
 
-static void onReceived(void *owner, const epicsUInt8 *block)
+int simPlcStart(simPlc *plc, const char *address, const simPlc *like)
 {
-    simPlc *plc = owner;
+    int status = openServers(plc, address, like);
 
-    remember(plc, block);
-    if (plc->passive) {
-        plc->ignored++;
-        return;
-    }
-    callProgram(plc, 0, block);
-    if (!plc->local)
-        takeMirrors(plc);
-    tellChanged(plc);
-}
-
-static void onWantBlock(void *owner)
-{
-    makeBlock(owner);
-}
-
-static const simServerEvents serverEvents = {onConnected, onDisconnected, onReceived,
-                                             onWantBlock};
-
-int simPlcStart(simPlc *plc, const char *address, unsigned port)
-{
-    plc->server.keepFirst = plc->config->keepFirst;
-    plc->server.receiveBuffer = plc->config->receiveBuffer;
-    if (simServerOpen(&plc->server, plc->loop, plc->name, address, port, plc->config->in,
-                      plc->config->out, &serverEvents, plc))
-        return -1;
-    plc->modbus.listener.receiveBuffer = plc->config->receiveBuffer;
-    if (plc->modbus.enabled && simModbusOpen(&plc->modbus, plc->loop, plc->name, address,
-                                             (unsigned)plc->config->modbusPort))
-        return -1;
+    if (status)
+        return status;
     plc->epoch = plc->next = simNow();
     onCycle(plc);
     return 0;
@@ -315,14 +272,13 @@ int simPlcStart(simPlc *plc, const char *address, unsigned port)
 
 void simPlcStop(simPlc *plc)
 {
+    size_t i;
+
     simTimerStop(plc->loop, &plc->cycle);
     simTimerStop(plc->loop, &plc->power);
     simTimerStop(plc->loop, &plc->watch);
-    simModbusClose(&plc->modbus);
-    if (plc->server.loop)
-        simServerClose(&plc->server);
-    memset(&plc->server, 0, sizeof(plc->server));
-    plc->server.client = -1;
+    for (i = 0; i < plc->serverCount; i++)
+        plc->servers[i].type->close(plc->servers[i].state);
 }
 
 void simPlcPeriod(simPlc *plc, double seconds)
@@ -341,8 +297,7 @@ void simPlcLead(simPlc *plc, int lead)
     plc->passive = !lead;
     if (plc->off)
         return;
-    if (!lead)
-        simServerForget(&plc->server);
+    tell(plc, simLead, lead);
     callProgram(plc, 0, NULL);
     if (lead)
         simPlcPeriod(plc, plc->period);
@@ -356,8 +311,7 @@ static void onPower(void *arg)
     plc->block = 0;
     plc->epoch = plc->next = simNow();
     simLog(plc->name, "restarted");
-    simServerPower(&plc->server, 1);
-    simModbusPower(&plc->modbus, 1);
+    tell(plc, simPower, 1);
     onCycle(plc);
 }
 
@@ -372,6 +326,7 @@ static void clearMemory(simPlc *plc, int cold)
             memset(block->bytes, 0, block->size);
     }
     if (cold) {
+        tell(plc, simCold, 0);
         simPlcStatementsCold(plc);
         simProgramFillTables(&plc->program);
     }
@@ -383,8 +338,7 @@ void simPlcRestart(simPlc *plc, double seconds, int cold)
     plc->off = 1;
     plc->restarts++;
     simTimerStop(plc->loop, &plc->cycle);
-    simServerPower(&plc->server, 0);
-    simModbusPower(&plc->modbus, 0);
+    tell(plc, simPower, 0);
     simTimerStop(plc->loop, &plc->watch);
     simProgramRestart(&plc->program);
     clearMemory(plc, cold);
@@ -397,6 +351,22 @@ void simPlcLocal(simPlc *plc, int local)
         simLog(plc->name, local ? "LOCAL: the HMI has control" : "REMOTE");
     plc->local = local;
     callProgram(plc, 0, NULL);
+}
+
+/* ---- faults ---- */
+
+void simPlcUnplug(simPlc *plc, int on)
+{
+    plc->unplugged = on;
+    tell(plc, simUnplug, on);
+}
+
+void simPlcNormal(simPlc *plc)
+{
+    plc->freeze = freezeNothing;
+    plc->program.refuseSync = 0;
+    simPlcUnplug(plc, 0);
+    tell(plc, simNormal, 0);
 }
 
 /* ---- the HMI ---- */

@@ -1,5 +1,5 @@
-/* simPlc: one PLC: its memory, its signals, the cycle that sends, and what happens to a
- * block that arrives. It knows the server as "send this block" and nothing of consoles.
+/* simPlc: one PLC: its memory, its signals, its program and the cycle that runs it. It
+ * knows its servers by their tables (simServer.h) and nothing of consoles.
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */
@@ -9,23 +9,18 @@
 #include "simConfig.h"
 #include "simLoop.h"
 #include "simMemory.h"
-#include "simModbus.h"
 #include "simProgram.h"
 #include "simServer.h"
 #include "simSignal.h"
 
-/* Read-back: bytes of IE_RX that go into IE_TX when a block was taken. */
-typedef struct simMirror {
-    size_t from, length, to;
-} simMirror;
-
 typedef enum simFreeze { freezeNothing, freezeHeartbeat, freezeAll } simFreeze;
 
-/* A block that came from the IOC. */
-typedef struct simReceived {
-    double time; /* s, simNow() scale */
-    epicsUInt8 *bytes;
-} simReceived;
+#define SIM_MAX_SERVERS 4
+
+typedef struct simPlcServer {
+    const simServerType *type;
+    void *state;
+} simPlcServer;
 
 typedef struct simPlc {
     simLoop *loop;
@@ -33,13 +28,11 @@ typedef struct simPlc {
     char name[SIM_NAME_SIZE];
     simMemory memory;
     simBlock *tx, *rx; /* IE_TX, IE_RX; NULL when they have no bytes */
-    simServer server;
-    simModbus modbus; /* on the same memory; see its `enabled` */
+    simPlcServer servers[SIM_MAX_SERVERS];
+    size_t serverCount;
     simProgram program;
     simSignal *signals;
     size_t signalCount;
-    simMirror *mirrors;
-    size_t mirrorCount;
     double epoch;      /* simNow() when time 0 was */
     double period;     /* s */
     double next;       /* s, simNow() scale: the next cycle */
@@ -48,32 +41,43 @@ typedef struct simPlc {
     int local;                  /* the HMI has control: received blocks are not taken */
     int off;                    /* restarting */
     int passive;                /* BACKUP of a pair: sends nothing, takes nothing */
-    epicsUInt64 ignored;        /* blocks that came while passive */
+    int connected;              /* to the IOC, as the program sees it */
+    int unplugged;              /* the network cable is out */
     void (*changed)(void *arg); /* called when memory may have changed, or NULL */
     void *changedArg;
     unsigned restarts;
     simTimer cycle, power, watch;
-    epicsUInt64 sentBytes; /* when the SEND watchdog looked last */
-    double sentTime;       /* s: when bytes left last */
     simPoint hmiPoint;     /* the HMI waits for this moment ... */
     char **hmiWords;       /* ... to set this */
     size_t hmiCount;
-    simReceived *history; /* ring of the last blocks */
-    size_t historySize;
-    epicsUInt64 historyCount;
 } simPlc;
 
-/* Builds memory, signals and mirrors from the configuration; messages go to out.
- * Returns the number of errors. */
-int simPlcBuild(simPlc *plc, simLoop *loop, const simConfig *config, const char *name,
-                simText *out);
-/* Listens and starts the cycle. Returns 0 or -1 after a message. */
-int simPlcStart(simPlc *plc, const char *address, unsigned port);
+/* Builds memory, signals and servers from the configuration; messages go to out. `types`
+ * ends with NULL; the configuration has all of their keys. Returns the number of errors.
+ */
+int simPlcBuild(simPlc *plc, simLoop *loop, const simConfig *config,
+                const simServerType *const *types, const char *name, simText *out);
+/* The structure of one of its servers. */
+void *simPlcServerOf(const simPlc *plc, const simServerType *type);
+/* Listens and starts the cycle. `like` is the partner in a pair, whose ports are taken,
+ * or NULL. Returns 0; -1 after a message; 1 when other free ports might do. */
+int simPlcStart(simPlc *plc, const char *address, const simPlc *like);
 /* Stops the cycle and listening; may be started again. */
 void simPlcStop(simPlc *plc);
 void simPlcFree(simPlc *plc);
 
 void simPlcPeriod(simPlc *plc, double seconds);
+/* Moves the signals and packs IE_TX; the servers are told. Nothing, when it is passive. */
+void simPlcMake(simPlc *plc);
+/* Calls the program: the connection to the IOC has come or gone, or a block came
+ * (`received`, config->out bytes, or NULL). */
+void simPlcCall(simPlc *plc, const epicsUInt8 *received);
+/* Memory has changed: to be told to the partner. */
+void simPlcChanged(simPlc *plc);
+/* The network cable of this PLC. */
+void simPlcUnplug(simPlc *plc, int on);
+/* All faults end. */
+void simPlcNormal(simPlc *plc);
 /* Power off, and on again after `seconds`. Data blocks keep their values, the send and
  * receive blocks become zero. A cold restart sets all memory to its initial values. */
 void simPlcRestart(simPlc *plc, double seconds, int cold);
@@ -83,8 +87,10 @@ void simPlcLocal(simPlc *plc, int local);
 /* The HMI sets a value at once (pointNone), or at that moment of the program. */
 int simPlcHmi(simPlc *plc, simPoint point, char **words, size_t count,
               char error[SIM_ERROR_SIZE]);
-/* Adds another signal or mirror while running: words as in the file, keyword first. */
-int simPlcStatement(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE]);
+/* Adds another signal while running: the words behind "signal". */
+int simPlcSignal(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE]);
+/* Adds a signal that is read already. */
+void simPlcAddSignal(simPlc *plc, const simSignal *signal);
 /* Reads "in 4 INT16", "DB10.DBW4", "DB10.4 REAL32". Returns the number of words used, or
  * -1. */
 int simPlcPlace(simPlc *plc, char **words, size_t count, simPlace *place, simType *type,

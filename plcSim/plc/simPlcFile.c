@@ -1,5 +1,5 @@
-/* simPlcFile: the statements of the file: they make the memory, signals, mirrors,
- * transfers and Modbus areas of a PLC. It does not know when they are used.
+/* simPlcFile: the statements of the file: they make the memory, signals and transfers of
+ * a PLC; those of its servers are theirs. It does not know when they are used.
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */
@@ -21,7 +21,13 @@ static void *grow(void *list, size_t count, size_t size)
     return list;
 }
 
-static int addSignal(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE])
+void simPlcAddSignal(simPlc *plc, const simSignal *signal)
+{
+    plc->signals = grow(plc->signals, plc->signalCount, sizeof(simSignal));
+    plc->signals[plc->signalCount++] = *signal;
+}
+
+int simPlcSignal(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE])
 {
     simSignal signal;
 
@@ -30,8 +36,7 @@ static int addSignal(simPlc *plc, char **words, size_t count, char error[SIM_ERR
                        words[0]);
     if (simSignalParse(&plc->memory, plc->tx, words, count, &signal, error))
         return -1;
-    plc->signals = grow(plc->signals, plc->signalCount, sizeof(simSignal));
-    plc->signals[plc->signalCount++] = signal;
+    simPlcAddSignal(plc, &signal);
     return 0;
 }
 
@@ -45,30 +50,6 @@ static int sizeArg(const char *word, size_t *value)
     return *end || *value > SIM_MAX_BLOCK ? -1 : 0;
 }
 
-static int addMirror(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE])
-{
-    simMirror m;
-
-    if (count != 4 || strcmp(words[2], "->") || sizeArg(words[0], &m.from) ||
-        sizeArg(words[1], &m.length) || sizeArg(words[3], &m.to))
-        return simFail(error,
-                       "a mirror wants: <offset in out> <length> -> <offset in in>");
-    if (plc->config->sync)
-        return simFail(error, "no mirror with sync = on: use tx and rx");
-    if (m.length < 1 || m.from > plc->config->out || m.length > plc->config->out - m.from)
-        return simFail(
-            error, "mirror: %lu bytes at offset %lu are outside of the %lu bytes of out",
-            (unsigned long)m.length, (unsigned long)m.from,
-            (unsigned long)plc->config->out);
-    if (m.to > plc->config->in || m.length > plc->config->in - m.to)
-        return simFail(
-            error, "mirror: %lu bytes at offset %lu are outside of the %lu bytes of in",
-            (unsigned long)m.length, (unsigned long)m.to, (unsigned long)plc->config->in);
-    plc->mirrors = grow(plc->mirrors, plc->mirrorCount, sizeof(simMirror));
-    plc->mirrors[plc->mirrorCount++] = m;
-    return 0;
-}
-
 static int addTx(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE])
 {
     return simProgramTransfer(&plc->program, 1, words, count, error);
@@ -77,11 +58,6 @@ static int addTx(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_S
 static int addRx(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE])
 {
     return simProgramTransfer(&plc->program, 0, words, count, error);
-}
-
-static int addModbus(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE])
-{
-    return simMapStatement(&plc->modbus.map, words, count, error);
 }
 
 /* db <number> <bytes> [name] */
@@ -157,17 +133,14 @@ typedef int (*statementFn)(simPlc *plc, char **words, size_t count,
 static const struct statement {
     const char *name;
     statementFn fn;
-    int pass;    /* 0 makes memory, 1 uses it */
-    int atCold;  /* done again at a cold restart */
-    int running; /* allowed from the console */
+    int makesMemory; /* done before those that use it */
+    int atCold;      /* done again at a cold restart */
 } statements[] = {
-    {"db",     addBlock,  0, 0, 0},
-    {"init",   simPlcSet, 1, 1, 0},
-    {"signal", addSignal, 1, 0, 1},
-    {"mirror", addMirror, 1, 0, 1},
-    {"tx",     addTx,     1, 0, 0},
-    {"rx",     addRx,     1, 0, 0},
-    {"modbus", addModbus, 1, 0, 0},
+    {"db",     addBlock,     1, 0},
+    {"init",   simPlcSet,    0, 1},
+    {"signal", simPlcSignal, 0, 0},
+    {"tx",     addTx,        0, 0},
+    {"rx",     addRx,        0, 0},
 };
 
 static const struct statement *findStatement(const char *name)
@@ -180,37 +153,66 @@ static const struct statement *findStatement(const char *name)
     return NULL;
 }
 
-int simPlcStatement(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE])
+/* One of a server's own. */
+static const simServerStatement *findServers(simPlc *plc, const char *name, void **state)
 {
-    const struct statement *statement = count ? findStatement(words[0]) : NULL;
+    size_t i, k;
 
-    if (!statement || !statement->running)
-        return simFail(error, "no such statement");
-    return statement->fn(plc, words + 1, count - 1, error);
+    for (i = 0; i < plc->serverCount; i++) {
+        const simServerType *type = plc->servers[i].type;
+
+        *state = plc->servers[i].state;
+        for (k = 0; k < type->statementCount; k++)
+            if (!strcasecmp(name, type->statements[k].name))
+                return &type->statements[k];
+    }
+    return NULL;
+}
+
+static void unknown(simPlc *plc, const simLine *line, simText *out)
+{
+    size_t i, k;
+
+    simTextAdd(out, "%s:%u: \"%.40s\" is no statement: allowed are ", plc->config->file,
+               line->number, line->words[0]);
+    for (i = 0; i < sizeof(statements) / sizeof(statements[0]); i++)
+        simTextAdd(out, "%s, ", statements[i].name);
+    for (i = 0; i < plc->serverCount; i++)
+        for (k = 0; k < plc->servers[i].type->statementCount; k++)
+            simTextAdd(out, "%s, ", plc->servers[i].type->statements[k].name);
+    simTextAdd(out, "and key = value\n");
+}
+
+/* Returns the number of errors. */
+static int statementOfPass(simPlc *plc, const simLine *line, int pass, simText *out)
+{
+    const struct statement *own = findStatement(line->words[0]);
+    const simServerStatement *servers = NULL;
+    char error[SIM_ERROR_SIZE];
+    void *state;
+    int status = 0;
+
+    if (!own)
+        servers = findServers(plc, line->words[0], &state);
+    if (own && own->makesMemory == !pass)
+        status = own->fn(plc, line->words + 1, line->count - 1, error);
+    else if (servers && servers->makesMemory == !pass)
+        status = servers->fn(state, line->words + 1, line->count - 1, error);
+    if (status)
+        simTextAdd(out, "%s:%u: %s\n", plc->config->file, line->number, error);
+    if (own || servers || pass)
+        return status != 0;
+    unknown(plc, line, out);
+    return 1;
 }
 
 int simPlcStatements(simPlc *plc, int pass, simText *out)
 {
-    char error[SIM_ERROR_SIZE];
     int errors = 0;
     size_t i;
 
-    for (i = 0; i < plc->config->lineCount; i++) {
-        const simLine *line = &plc->config->lines[i];
-        const struct statement *statement = findStatement(line->words[0]);
-
-        if (!statement && pass == 0) {
-            simTextAdd(out,
-                       "%s:%u: \"%.40s\" is no statement: allowed are db, init, signal, "
-                       "mirror, modbus, tx, rx, and key = value\n",
-                       plc->config->file, line->number, line->words[0]);
-            errors++;
-        } else if (statement && statement->pass == pass &&
-                   statement->fn(plc, line->words + 1, line->count - 1, error)) {
-            simTextAdd(out, "%s:%u: %s\n", plc->config->file, line->number, error);
-            errors++;
-        }
-    }
+    for (i = 0; i < plc->config->lineCount; i++)
+        errors += statementOfPass(plc, &plc->config->lines[i], pass, out);
     return errors;
 }
 
@@ -223,7 +225,7 @@ void simPlcStatementsCold(simPlc *plc)
         const simLine *line = &plc->config->lines[i];
         const struct statement *statement = findStatement(line->words[0]);
 
-        if (statement->atCold)
+        if (statement && statement->atCold)
             statement->fn(plc, line->words + 1, line->count - 1, error);
     }
 }

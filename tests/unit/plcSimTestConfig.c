@@ -7,10 +7,12 @@
 #include <epicsUnitTest.h>
 #include <testMain.h>
 
+#include "simBlockServer.h"
 #include "simConfig.h"
 #include "simLog.h"
 #include "simLoop.h"
 #include "simPlc.h"
+#include "simServers.h"
 
 /* Builds a PLC from text. Returns the number of errors; messages are in out. */
 static int build(const char *text, simConfig *config, simPlc *plc, simText *out)
@@ -20,8 +22,9 @@ static int build(const char *text, simConfig *config, simPlc *plc, simText *out)
 
     simLoopInit(&loop);
     simConfigInit(config);
+    simServersKeys(config);
     errors = simConfigReadText(config, "t.plc", text, out);
-    errors += simPlcBuild(plc, &loop, config, "PLC", out);
+    errors += simPlcBuild(plc, &loop, config, simServers, "PLC", out);
     return errors;
 }
 
@@ -110,12 +113,14 @@ static void testGood(void)
     simPlc plc;
     simText out = {NULL, 0, 0};
     int errors = build(text, &config, &plc, &out);
+    const simBlockServer *blocks;
 
     testOk(errors == 0, "a good file has no errors");
-    testOk(config.port == 2000 && config.in == 128 && config.out == 64, "port and sizes");
+    blocks = simPlcServerOf(&plc, &simBlockServerType);
+    testOk(blocks->keys->port == 2000 && config.in == 128 && config.out == 64, "port and sizes");
     testOk(!config.bigEndian && config.period == 0.02, "byte order and period");
     testOk(!strcmp(config.name, "Press 1"), "a name with a blank");
-    testOk(plc.signalCount == 1 && plc.mirrorCount == 1, "a signal and a mirror");
+    testOk(plc.signalCount == 1 && blocks->mirrorCount == 1, "a signal and a mirror");
     testOk(!memcmp(simMemoryFindName(&plc.memory, "Motor")->bytes + 4, "\xfe\xff", 2),
            "init writes in the PLC's byte order");
     testOk(!memcmp(plc.tx->bytes + 100, "\0\0\x80\x3f\0\0\0\x40", 8), "init of an array");

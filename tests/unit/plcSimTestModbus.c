@@ -13,12 +13,14 @@
 #include "simConfig.h"
 #include "simLog.h"
 #include "simLoop.h"
-#include "simModbus.h"
+#include "simModbusServer.h"
 #include "simPlc.h"
+#include "simServers.h"
 
 static simLoop loop;
 static simConfig config;
 static simPlc plc;
+static simModbus *modbus; /* of plc */
 static simText messages;
 
 static int build(const char *text)
@@ -27,8 +29,11 @@ static int build(const char *text)
 
     simLoopInit(&loop);
     simConfigInit(&config);
+    simServersKeys(&config);
     errors = simConfigReadText(&config, "t.plc", text, &messages);
-    return errors + simPlcBuild(&plc, &loop, &config, "PLC", &messages);
+    errors += simPlcBuild(&plc, &loop, &config, simServers, "PLC", &messages);
+    modbus = &((simModbusServer *)simPlcServerOf(&plc, &simModbusServerType))->modbus;
+    return errors;
 }
 
 static void dismantle(void)
@@ -149,9 +154,9 @@ static size_t ask(const epicsUInt8 *bytes, size_t size, epicsUInt8 *answer)
     int code = simRequestParse(&request, bytes, size);
 
     if (!code)
-        code = simRequestCheck(&request, &plc.modbus.map);
-    return code ? simAnswerException(&plc.modbus.answerer, &request, code, answer)
-                : simAnswer(&plc.modbus.answerer, &request, answer);
+        code = simRequestCheck(&request, &modbus->map);
+    return code ? simAnswerException(&modbus->answerer, &request, code, answer)
+                : simAnswer(&modbus->answerer, &request, answer);
 }
 
 static void testAsk(const char *what, const char *pdu, const char *wanted)
@@ -227,18 +232,18 @@ static void testExchanges(void)
 {
     size_t i;
 
-    if (build(AREAS) || simAnswererOpen(&plc.modbus.answerer, &plc.modbus.map, "PLC"))
+    if (build(AREAS) || simAnswererOpen(&modbus->answerer, &modbus->map, "PLC"))
         testAbort("%s", messages.text);
     for (i = 0; i < sizeof(exchanges) / sizeof(exchanges[0]); i++)
         testAsk(exchanges[i].what, exchanges[i].request, exchanges[i].answer);
-    simAnswererClose(&plc.modbus.answerer);
+    simAnswererClose(&modbus->answerer);
     dismantle();
 }
 
 static void testLittleEndian(void)
 {
     if (build("byteorder = little\n" AREAS) ||
-        simAnswererOpen(&plc.modbus.answerer, &plc.modbus.map, "PLC"))
+        simAnswererOpen(&modbus->answerer, &modbus->map, "PLC"))
         testAbort("%s", messages.text);
     testOk(!memcmp(simMemoryFind(&plc.memory, SIM_AREA_DB, 10)->bytes, "\x02\x01\x04\x03",
                    4),
@@ -249,7 +254,7 @@ static void testLittleEndian(void)
                    4),
            "writes the low byte first");
     testAsk("coils are the same bits", "01 0000 0005", "01 01 15");
-    simAnswererClose(&plc.modbus.answerer);
+    simAnswererClose(&modbus->answerer);
     dismantle();
 }
 
@@ -289,7 +294,7 @@ static void testLimits(void)
 
     if (build("modbus_port = 0\ndb 10 4000\nmodbus holding 0 2000 -> DB10.0\n"
               "modbus coils 0 32000 -> DB10.0\n") ||
-        simAnswererOpen(&plc.modbus.answerer, &plc.modbus.map, "PLC"))
+        simAnswererOpen(&modbus->answerer, &modbus->map, "PLC"))
         testAbort("%s", messages.text);
     for (i = 0; i < sizeof(rows) / sizeof(rows[0]); i++) {
         size_t size = writeFrame(rows[i].function, rows[i].count, rows[i].bytes, bytes);
@@ -304,7 +309,7 @@ static void testLimits(void)
            "125 registers are read");
     testOk(ask(bytes, frame("01 0000 07d0", bytes), answer) == 259, "2000 bits are read");
     testOk(answer[9] == 0x5a, "and they are what was written");
-    simAnswererClose(&plc.modbus.answerer);
+    simAnswererClose(&modbus->answerer);
     dismantle();
 }
 

@@ -20,8 +20,9 @@
 #include "simConfig.h"
 #include "simLog.h"
 #include "simLoop.h"
-#include "simModbus.h"
+#include "simModbusServer.h"
 #include "simPlc.h"
+#include "simServers.h"
 
 #define PATIENCE_S 30.0 /* reached only when a test fails */
 #define ENDED (-1)      /* the connection has ended ... */
@@ -30,6 +31,7 @@
 static simLoop loop;
 static simConfig config;
 static simPlc plc;
+static simModbus *modbus; /* of plc */
 
 static void setUp(const char *more)
 {
@@ -43,10 +45,12 @@ static void setUp(const char *more)
              more);
     simLoopInit(&loop);
     simConfigInit(&config);
+    simServersKeys(&config);
     if (simConfigReadText(&config, "t.plc", text, &out) ||
-        simPlcBuild(&plc, &loop, &config, "PLC", &out) ||
-        simPlcStart(&plc, "127.0.0.1", 0))
+        simPlcBuild(&plc, &loop, &config, simServers, "PLC", &out) ||
+        simPlcStart(&plc, "127.0.0.1", NULL))
         testAbort("%s", out.text ? out.text : "cannot listen");
+    modbus = &((simModbusServer *)simPlcServerOf(&plc, &simModbusServerType))->modbus;
     simTextFree(&out);
 }
 
@@ -87,10 +91,10 @@ static int dial(const struct sockaddr_in *address)
 
 static int openClient(void)
 {
-    epicsUInt64 before = plc.modbus.counts.connections + plc.modbus.counts.sentAway;
-    int fd = dial(&plc.modbus.listener.address);
+    epicsUInt64 before = modbus->counts.connections + modbus->counts.sentAway;
+    int fd = dial(&modbus->listener.address);
 
-    UNTIL(plc.modbus.counts.connections + plc.modbus.counts.sentAway > before);
+    UNTIL(modbus->counts.connections + modbus->counts.sentAway > before);
     return fd;
 }
 
@@ -178,7 +182,7 @@ static void fault(const char *line)
 
     strcpy(text, line);
     count = simSplit(text, words, 20, error);
-    if (simModbusFaultParse(&plc.modbus.faults, words, (size_t)count, error))
+    if (simModbusFaultParse(&modbus->faults, words, (size_t)count, error))
         testAbort("%s: %s", line, error);
 }
 
@@ -207,8 +211,8 @@ static void testPieces(void)
     memcpy(plc.memory.blocks[4]->bytes, "\x01\x02", 2);
     testOk(works(fd), "what the HMI sets is read");
     close(fd);
-    UNTIL(plc.modbus.clientCount == 0);
-    testOk(plc.modbus.clientCount == 0, "a client that has gone is forgotten");
+    UNTIL(modbus->clientCount == 0);
+    testOk(modbus->clientCount == 0, "a client that has gone is forgotten");
 }
 
 static void testEnds(void)
@@ -217,15 +221,15 @@ static void testEnds(void)
 
     say(fd, "47 45 54 20 2f 20 48 54 54 50");
     testOk(hearsEnd(fd) == ENDED, "garbage ends the connection");
-    testOk(plc.modbus.counts.garbage == 1, "and is counted");
+    testOk(modbus->counts.garbage == 1, "and is counted");
     close(fd);
 
     fd = openClient();
     say(fd, "00 09 00 00 00 06 01 03");
-    UNTIL(plc.modbus.clientCount == 1);
+    UNTIL(modbus->clientCount == 1);
     close(fd);
-    UNTIL(plc.modbus.clientCount == 0);
-    testOk(plc.modbus.clientCount == 0, "half a request is forgotten with its client");
+    UNTIL(modbus->clientCount == 0);
+    testOk(modbus->clientCount == 0, "half a request is forgotten with its client");
 
     fd = openClient();
     say(fd, ASK);
@@ -237,16 +241,16 @@ static void testEnds(void)
     fd = openClient();
     say(fd, "00 09 00 00 00 06 02 03 00 00 00 01 " ASK);
     testOk(hears(fd, TOLD), "another unit gets no answer");
-    testOk(plc.modbus.counts.otherUnit == 1, "and is counted");
-    plc.modbus.gateway = 1;
+    testOk(modbus->counts.otherUnit == 1, "and is counted");
+    modbus->gateway = 1;
     say(fd, "00 09 00 00 00 06 02 03 00 00 00 01");
     testOk(hears(fd, "00 09 00 00 00 03 02 83 0b"), "or exception 11");
-    plc.modbus.unit = -1;
+    modbus->unit = -1;
     say(fd, "00 09 00 00 00 06 ff 03 00 00 00 01");
     testOk(hears(fd, "00 09 00 00 00 05 ff 03 02 01 02"),
            "modbus_unit = any answers all");
-    plc.modbus.unit = 1;
-    plc.modbus.gateway = 0;
+    modbus->unit = 1;
+    modbus->gateway = 0;
     close(fd);
 }
 
@@ -267,12 +271,12 @@ static void testMany(void)
     testOk(hearsEnd(extra) == ENDED, "one more is sent away");
     close(extra);
     close(fds[3]);
-    UNTIL(plc.modbus.clientCount == SIM_MODBUS_CLIENTS - 1);
+    UNTIL(modbus->clientCount == SIM_MODBUS_CLIENTS - 1);
     fds[3] = openClient();
     testOk(works(fds[3]), "when one has gone, another is served");
     for (i = 0; i < SIM_MODBUS_CLIENTS; i++)
         close(fds[i]);
-    UNTIL(plc.modbus.clientCount == 0);
+    UNTIL(modbus->clientCount == 0);
 }
 
 /* Sends requests until the server takes no more. Returns how many left. */
@@ -286,12 +290,12 @@ static long stuff(int fd)
     ssize_t n;
 
     while (quiet < 50) {
-        before = (unsigned long)plc.modbus.counts.requests;
+        before = (unsigned long)modbus->counts.requests;
         while ((n = send(fd, ask + bytes % 12, 12 - (size_t)(bytes % 12), MSG_NOSIGNAL)) >
                0)
             bytes += n;
         turn();
-        quiet = before == plc.modbus.counts.requests ? quiet + 1 : 0;
+        quiet = before == modbus->counts.requests ? quiet + 1 : 0;
     }
     return bytes / 12;
 }
@@ -304,9 +308,9 @@ static void testDeaf(void)
     long asked, heard = 0;
 
     asked = stuff(deaf);
-    testOk((long)plc.modbus.counts.requests < asked,
+    testOk((long)modbus->counts.requests < asked,
            "of %ld requests whose answers are not read, only %lu are taken", asked,
-           (unsigned long)plc.modbus.counts.requests);
+           (unsigned long)modbus->counts.requests);
     testOk(works(other), "another client is served all the same");
     blocks = plc.block;
     UNTIL(plc.block > blocks + 3);
@@ -317,7 +321,7 @@ static void testDeaf(void)
     testOk(works(deaf), "and is served again");
     close(deaf);
     close(other);
-    UNTIL(plc.modbus.clientCount == 0);
+    UNTIL(modbus->clientCount == 0);
 }
 
 static void testFaults(void)
@@ -356,7 +360,7 @@ static void testFaults(void)
     fault("silent next 2");
     say(fd, "00 01 00 00 00 06 01 06 00 00 77 77 " ASK " " ASK);
     testOk(hears(fd, TOLD), "silent: two get no answer, and are not done");
-    testOk(plc.modbus.counts.silent == 2, "which is counted");
+    testOk(modbus->counts.silent == 2, "which is counted");
     fault("garbage 20 next 1");
     say(fd, ASK);
     testOk(hear(fd, bytes, 20) == 20 && works(fd), "20 bytes of garbage");
@@ -364,8 +368,8 @@ static void testFaults(void)
     fault("short 9 next 1");
     say(fd, ASK " " ASK);
     testOk(hears(fd, "00 09 00 00 00 05 01 03 02"), "short: 9 bytes");
-    UNTIL(plc.modbus.counts.silent == 3);
-    testOk(plc.modbus.counts.silent == 3 && recv(fd, bytes, 1, MSG_DONTWAIT) < 0,
+    UNTIL(modbus->counts.silent == 3);
+    testOk(modbus->counts.silent == 3 && recv(fd, bytes, 1, MSG_DONTWAIT) < 0,
            "then nothing more on this connection");
     testOk(freshWorks(), "a new one works");
     close(fd);
@@ -386,7 +390,7 @@ static void testFaults(void)
     testOk(hear(fd, bytes, 99) == 6 && hearsEnd(fd) == ENDED,
            "half an answer, then the end");
     close(fd);
-    testOk(freshWorks() && plc.modbus.faults.count == 0, "all faults are used up");
+    testOk(freshWorks() && modbus->faults.count == 0, "all faults are used up");
 }
 
 static void testPower(void)
@@ -395,28 +399,28 @@ static void testPower(void)
     int late, n;
 
     works(fd);
-    simModbusDrop(&plc.modbus, 0, "test");
+    simModbusDrop(modbus, 0, "test");
     testOk(hearsEnd(fd) == ENDED, "close");
     close(fd);
     fd = openClient();
     works(fd);
-    simModbusDrop(&plc.modbus, 1, "test");
+    simModbusDrop(modbus, 1, "test");
     testOk(hearsEnd(fd) == WAS_RESET, "reset");
     close(fd);
 
     fd = openClient();
     works(fd);
-    simModbusUnplug(&plc.modbus, 1);
+    simModbusUnplug(modbus, 1);
     say(fd, ASK);
     late = socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-    n = connect(late, (struct sockaddr *)&plc.modbus.listener.address,
-                sizeof(plc.modbus.listener.address));
+    n = connect(late, (struct sockaddr *)&modbus->listener.address,
+                sizeof(modbus->listener.address));
     testOk(n < 0 && errno == EINPROGRESS, "unplugged: a new connection gets no answer");
     close(late);
     for (n = 0; n < 10; n++)
         turn();
     testOk(recv(fd, &n, 1, MSG_DONTWAIT) < 0 && errno == EAGAIN, "nor does a request");
-    simModbusUnplug(&plc.modbus, 0);
+    simModbusUnplug(modbus, 0);
     testOk(hears(fd, TOLD), "plugged: it does");
     testOk(freshWorks(), "and new connections come through");
 
@@ -425,13 +429,13 @@ static void testPower(void)
     UNTIL(!plc.off);
     testOk(freshWorks(), "and then the PLC is there again, at its port");
     close(fd);
-    simModbusRefuse(&plc.modbus, 1);
+    simModbusRefuse(modbus, 1);
     late = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    n = connect(late, (struct sockaddr *)&plc.modbus.listener.address,
-                sizeof(plc.modbus.listener.address));
+    n = connect(late, (struct sockaddr *)&modbus->listener.address,
+                sizeof(modbus->listener.address));
     testOk(n < 0 && errno == ECONNREFUSED, "refuse");
     close(late);
-    simModbusRefuse(&plc.modbus, 0);
+    simModbusRefuse(modbus, 0);
     testOk(freshWorks(), "refuse off");
 }
 
@@ -440,13 +444,13 @@ static void testStatus(void)
     simText out = {NULL, 0, 0};
     int fd = openClient();
 
-    simModbusClearCounts(&plc.modbus);
+    simModbusClearCounts(modbus);
     works(fd);
     say(fd, "00 01 00 00 00 06 01 03 00 00 00 7e 00 02 00 00 00 0b 01 10 00 00 00 02 04 "
             "01 02 "
             "03 04");
     hears(fd, "00 01 00 00 00 03 01 83 03 00 02 00 00 00 06 01 10 00 00 00 02");
-    simModbusStatus(&plc.modbus, &out);
+    simModbusStatus(modbus, &out);
     testOk(strstr(out.text, "modbus areas: holding=0..149@DB10.0\n") != NULL, "areas");
     testOk(strstr(out.text, "modbus requests: total=3 answered=3 silent=0 other_unit=0 "
                             "garbage=0 fc3=2 fc16=1\n") != NULL,
@@ -458,7 +462,7 @@ static void testStatus(void)
            "the largest requests");
     testOk(strstr(out.text, "modbus faults: none\n") != NULL, "faults");
     simTextFree(&out);
-    simModbusReceived(&plc.modbus, 2, &out);
+    simModbusReceived(modbus, 2, &out);
     testOk(strstr(out.text, "2 time=") == out.text &&
                strstr(out.text,
                       "fc=3 read=holding,0,126 answer=exception3 pdu=03 00 00 00 7e\n"),

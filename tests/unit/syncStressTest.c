@@ -25,7 +25,9 @@
 #include <testMain.h>
 
 #include "plcStation.h"
+#include "simBlockServer.h"
 #include "simCommand.h"
+#include "simServers.h"
 
 #define POINTS 4
 #define PATIENCE_S 60.0 /* for what must happen in the end */
@@ -359,17 +361,20 @@ static int episode(void)
 static void plcStarts(void)
 {
     simText messages = {NULL, 0, 0};
+    const simBlockServer *blocks;
 
     simLogQuiet(2);
     simLoopInit(&sim.loop);
     simConfigInit(&sim.config);
+    simServersKeys(&sim.config);
     sim.count = 1;
     if (simConfigReadText(&sim.config, "stress", file, &messages) ||
-        simPlcBuild(&sim.plc[0], &sim.loop, &sim.config, "PLC", &messages) ||
-        simPlcStart(&sim.plc[0], "127.0.0.1", 0))
+        simPlcBuild(&sim.plc[0], &sim.loop, &sim.config, simServers, "PLC", &messages) ||
+        simPlcStart(&sim.plc[0], "127.0.0.1", NULL))
         testAbort("%s", messages.text ? messages.text : "the PLC does not start");
     simTextFree(&messages);
-    port = ntohs(sim.plc[0].server.listener.address.sin_port);
+    blocks = simPlcServerOf(&sim.plc[0], &simBlockServerType);
+    port = ntohs(blocks->tcp.listener.address.sin_port);
     db = simMemoryFind(&sim.plc[0].memory, SIM_AREA_DB, 10);
     look();
     sim.plc[0].changed = onChanged;

@@ -1,12 +1,12 @@
-/* simServer: the TCP side of one PLC: listens, serves one client, sends and receives
+/* simBlockTcp: the TCP side of one PLC: listens, serves one client, sends and receives
  * blocks. It injects the faults of the wire. It does not know what is in a block.
  *
  * All functions run in the thread of the loop and never block.
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */
-#ifndef INC_simServer_H
-#define INC_simServer_H
+#ifndef INC_simBlockTcp_H
+#define INC_simBlockTcp_H
 
 #include "simListener.h"
 #include "simLog.h"
@@ -14,14 +14,14 @@
 #include "simMemory.h"
 
 /* What the server tells its owner. */
-typedef struct simServerEvents {
+typedef struct simBlockTcpEvents {
     void (*connected)(void *owner);
     void (*disconnected)(void *owner, const char *reason);
     /* outSize bytes from the IOC */
     void (*received)(void *owner, const epicsUInt8 *block);
     /* flood: the socket takes more, give it a block */
     void (*wantBlock)(void *owner);
-} simServerEvents;
+} simBlockTcpEvents;
 
 typedef struct simFaults {
     int silence;     /* send nothing */
@@ -37,16 +37,16 @@ typedef struct simFaults {
     long cut; /* reset the connection after so many received bytes, -1 = off */
 } simFaults;
 
-typedef struct simServerCounts {
+typedef struct simBlockTcpCounts {
     epicsUInt64 connections;
     epicsUInt64 blocksSent, bytesSent, blocksSkipped;
     epicsUInt64 blocksReceived, bytesReceived;
-} simServerCounts;
+} simBlockTcpCounts;
 
-typedef struct simServer {
+typedef struct simBlockTcp {
     simLoop *loop;
     const char *name;
-    const simServerEvents *events;
+    const simBlockTcpEvents *events;
     void *owner;
     size_t inSize, outSize; /* bytes PLC->IOC and IOC->PLC */
     int keepFirst;     /* a second client is sent away instead of replacing the first */
@@ -63,49 +63,49 @@ typedef struct simServer {
     size_t filled;
     double connectTime, receiveTime;
     simFaults faults;
-    simServerCounts counts;
-} simServer;
+    simBlockTcpCounts counts;
+} simBlockTcp;
 
 /* Starts listening on address:port (0 = any free port). Returns 0, or -1 after a message.
  * name, events and owner must outlive the server. */
-int simServerOpen(simServer *server, simLoop *loop, const char *name, const char *address,
+int simBlockTcpOpen(simBlockTcp *server, simLoop *loop, const char *name, const char *address,
                   unsigned port, size_t inSize, size_t outSize,
-                  const simServerEvents *events, void *owner);
-void simServerClose(simServer *server);
+                  const simBlockTcpEvents *events, void *owner);
+void simBlockTcpClose(simBlockTcp *server);
 
 /* "127.0.0.1:40123"; static text. */
-const char *simServerAddress(const simServer *server);
-int simServerConnected(const simServer *server);
+const char *simBlockTcpAddress(const simBlockTcp *server);
+int simBlockTcpConnected(const simBlockTcp *server);
 /* True while a block is not yet completely with the kernel. */
-int simServerBusy(const simServer *server);
+int simBlockTcpBusy(const simBlockTcp *server);
 
 /* Queues a block of inSize bytes. While the last one is still leaving, the new one is
  * skipped and counted, as a PLC's SEND does. Returns 0 when queued. */
-int simServerSend(simServer *server, const epicsUInt8 *block);
-/* True when simServerSend() would take a block now. */
-int simServerReady(const simServer *server);
+int simBlockTcpSend(simBlockTcp *server, const epicsUInt8 *block);
+/* True when simBlockTcpSend() would take a block now. */
+int simBlockTcpReady(const simBlockTcp *server);
 /* Sends n random bytes between two blocks. Returns -1 when not connected. */
-int simServerGarbage(simServer *server, size_t n);
+int simBlockTcpGarbage(simBlockTcp *server, size_t n);
 
 /* Takes back blocks that have not begun to leave. Where one is half out, the connection
  * is reset, since it could only go on with the rest of that block. */
-void simServerForget(simServer *server);
+void simBlockTcpForget(simBlockTcp *server);
 
 /* Ends the connection with FIN, or with RST. The owner is told. */
-void simServerDrop(simServer *server, int reset, const char *reason);
+void simBlockTcpDrop(simBlockTcp *server, int reset, const char *reason);
 /* PLC off: connection reset, no listening. PLC on again. */
-void simServerPower(simServer *server, int on);
+void simBlockTcpPower(simBlockTcp *server, int on);
 
-void simServerSilence(simServer *server, int on);
-void simServerRefuse(simServer *server, int on);
-void simServerStall(simServer *server, int on);
-void simServerFlood(simServer *server, int on);
-void simServerUnplug(simServer *server, int on);
-void simServerDelay(simServer *server, double seconds);
-void simServerFragment(simServer *server, size_t bytes, double pause);
+void simBlockTcpSilence(simBlockTcp *server, int on);
+void simBlockTcpRefuse(simBlockTcp *server, int on);
+void simBlockTcpStall(simBlockTcp *server, int on);
+void simBlockTcpFlood(simBlockTcp *server, int on);
+void simBlockTcpUnplug(simBlockTcp *server, int on);
+void simBlockTcpDelay(simBlockTcp *server, double seconds);
+void simBlockTcpFragment(simBlockTcp *server, size_t bytes, double pause);
 /* Everything above back to normal. */
-void simServerClearFaults(simServer *server);
+void simBlockTcpClearFaults(simBlockTcp *server);
 /* Adds " silence, fragment 3 bytes every 10 ms" or " none". */
-void simServerFaultText(const simServer *server, simText *out);
+void simBlockTcpFaultText(const simBlockTcp *server, simText *out);
 
 #endif

@@ -1,4 +1,4 @@
-/* simServer: the TCP side of one PLC: listens, serves one client, sends and receives
+/* simBlockTcp: the TCP side of one PLC: listens, serves one client, sends and receives
  * blocks. It injects the faults of the wire. It does not know what is in a block.
  *
  * SPDX-License-Identifier: BSD-3-Clause
@@ -14,7 +14,7 @@
 
 #include <cantProceed.h>
 
-#include "simServer.h"
+#include "simBlockTcp.h"
 
 #define MAX_QUEUED (4u * 1024 * 1024) /* bytes that `delay` may hold back */
 #define FLOOD_BATCH 65536u            /* bytes made ready per round of a flood */
@@ -32,18 +32,18 @@ typedef struct chunk {
 
 static void takeClient(void *owner, int fd, const char *peer);
 static void onClient(void *arg, int fd, short revents);
-static void update(simServer *server);
+static void update(simBlockTcp *server);
 
 /* ---- opening and closing ---- */
 
-const char *simServerAddress(const simServer *server)
+const char *simBlockTcpAddress(const simBlockTcp *server)
 {
     return simListenerAddress(&server->listener);
 }
 
-int simServerOpen(simServer *server, simLoop *loop, const char *name, const char *address,
+int simBlockTcpOpen(simBlockTcp *server, simLoop *loop, const char *name, const char *address,
                   unsigned port, size_t inSize, size_t outSize,
-                  const simServerEvents *events, void *owner)
+                  const simBlockTcpEvents *events, void *owner)
 {
     server->loop = loop;
     server->name = name;
@@ -52,7 +52,7 @@ int simServerOpen(simServer *server, simLoop *loop, const char *name, const char
     server->inSize = inSize;
     server->outSize = outSize;
     server->client = -1;
-    server->inbox = callocMustSucceed(1, outSize + 1, "simServerOpen");
+    server->inbox = callocMustSucceed(1, outSize + 1, "simBlockTcpOpen");
     ellInit(&server->queue);
     server->faults.truncate = server->faults.cut = -1;
     server->listener.receiveBuffer = server->receiveBuffer;
@@ -60,7 +60,7 @@ int simServerOpen(simServer *server, simLoop *loop, const char *name, const char
                            server);
 }
 
-static void dropQueue(simServer *server)
+static void dropQueue(simBlockTcp *server)
 {
     chunk *c;
 
@@ -69,7 +69,7 @@ static void dropQueue(simServer *server)
     server->queued = 0;
 }
 
-void simServerClose(simServer *server)
+void simBlockTcpClose(simBlockTcp *server)
 {
     simTimerStop(server->loop, &server->timer);
     if (server->client >= 0) {
@@ -85,12 +85,12 @@ void simServerClose(simServer *server)
 
 /* ---- connection ---- */
 
-int simServerConnected(const simServer *server)
+int simBlockTcpConnected(const simBlockTcp *server)
 {
     return server->client >= 0;
 }
 
-int simServerBusy(const simServer *server)
+int simBlockTcpBusy(const simBlockTcp *server)
 {
     return ellCount((ELLLIST *)&server->queue) > 0;
 }
@@ -105,7 +105,7 @@ static void drain(int fd)
         ;
 }
 
-void simServerDrop(simServer *server, int reset, const char *reason)
+void simBlockTcpDrop(simBlockTcp *server, int reset, const char *reason)
 {
     struct linger linger = {1, 0};
     int fd = server->client;
@@ -134,14 +134,14 @@ void simServerDrop(simServer *server, int reset, const char *reason)
 /* A second client replaces the first, or is sent away. */
 static void takeClient(void *owner, int fd, const char *peer)
 {
-    simServer *server = owner;
+    simBlockTcp *server = owner;
 
     if (server->client >= 0 && server->keepFirst) {
         simLog(server->name, "second connection sent away");
         close(fd);
         return;
     }
-    simServerDrop(server, 0, "replaced by a new connection");
+    simBlockTcpDrop(server, 0, "replaced by a new connection");
     snprintf(server->peer, sizeof(server->peer), "%s", peer);
     server->client = fd;
     server->filled = 0;
@@ -155,9 +155,9 @@ static void takeClient(void *owner, int fd, const char *peer)
 
 /* ---- sending ---- */
 
-static chunk *addChunk(simServer *server, size_t size)
+static chunk *addChunk(simBlockTcp *server, size_t size)
 {
-    chunk *c = mallocMustSucceed(sizeof(*c) + size, "simServerSend");
+    chunk *c = mallocMustSucceed(sizeof(*c) + size, "simBlockTcpSend");
 
     memset(c, 0, sizeof(*c));
     c->size = size;
@@ -167,32 +167,32 @@ static chunk *addChunk(simServer *server, size_t size)
     return c;
 }
 
-static int maySend(const simServer *server)
+static int maySend(const simBlockTcp *server)
 {
     return server->client >= 0 && !server->faults.silence && !server->faults.unplugged;
 }
 
-static size_t blockSize(const simServer *server)
+static size_t blockSize(const simBlockTcp *server)
 {
     return server->faults.truncate >= 0 ? (size_t)server->faults.truncate
                                         : server->inSize;
 }
 
-static int isFull(const simServer *server)
+static int isFull(const simBlockTcp *server)
 {
     if (server->faults.delay > 0)
         return server->queued + blockSize(server) > MAX_QUEUED;
     if (server->faults.flood)
         return server->queued >= FLOOD_BATCH;
-    return simServerBusy(server);
+    return simBlockTcpBusy(server);
 }
 
-int simServerReady(const simServer *server)
+int simBlockTcpReady(const simBlockTcp *server)
 {
     return maySend(server) && !isFull(server);
 }
 
-int simServerSend(simServer *server, const epicsUInt8 *block)
+int simBlockTcpSend(simBlockTcp *server, const epicsUInt8 *block)
 {
     size_t size = blockSize(server);
     chunk *c;
@@ -212,7 +212,7 @@ int simServerSend(simServer *server, const epicsUInt8 *block)
     return 0;
 }
 
-int simServerGarbage(simServer *server, size_t n)
+int simBlockTcpGarbage(simBlockTcp *server, size_t n)
 {
     chunk *c;
     size_t i;
@@ -227,7 +227,7 @@ int simServerGarbage(simServer *server, size_t n)
 }
 
 /* When a chunk may go on: 0 = now. */
-static double notBefore(const simServer *server, const chunk *c)
+static double notBefore(const simBlockTcp *server, const chunk *c)
 {
     double when = c->due;
 
@@ -237,7 +237,7 @@ static double notBefore(const simServer *server, const chunk *c)
 }
 
 /* Lists the bytes that may leave with one call: one piece, or all that is due. */
-static size_t gather(simServer *server, struct iovec *parts, double now)
+static size_t gather(simBlockTcp *server, struct iovec *parts, double now)
 {
     chunk *c = (chunk *)ellFirst(&server->queue);
     size_t limit = server->faults.fragment;
@@ -257,7 +257,7 @@ static size_t gather(simServer *server, struct iovec *parts, double now)
 }
 
 /* Takes bytes that left from the queue. */
-static void consume(simServer *server, size_t sent)
+static void consume(simBlockTcp *server, size_t sent)
 {
     chunk *c;
 
@@ -277,7 +277,7 @@ static void consume(simServer *server, size_t sent)
 }
 
 /* Sends what may leave now. Returns -1 when the connection broke (and was dropped). */
-static int pump(simServer *server)
+static int pump(simBlockTcp *server)
 {
     struct iovec parts[MAX_PARTS];
     struct msghdr message;
@@ -295,7 +295,7 @@ static int pump(simServer *server)
         if (sent < 0) {
             if (errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR)
                 return 0;
-            simServerDrop(server, 1, strerror(errno));
+            simBlockTcpDrop(server, 1, strerror(errno));
             return -1;
         }
         consume(server, (size_t)sent);
@@ -305,12 +305,12 @@ static int pump(simServer *server)
     return 0;
 }
 
-void simServerForget(simServer *server)
+void simBlockTcpForget(simBlockTcp *server)
 {
     chunk *c = (chunk *)ellFirst(&server->queue);
 
     if (c && c->sent)
-        simServerDrop(server, 1, "half a block was out");
+        simBlockTcpDrop(server, 1, "half a block was out");
     else
         dropQueue(server);
 }
@@ -321,7 +321,7 @@ static void onTimer(void *arg)
 }
 
 /* Sends what may leave now, then asks the loop for what is still needed. */
-static void update(simServer *server)
+static void update(simBlockTcp *server)
 {
     short events = 0;
     chunk *c;
@@ -343,7 +343,7 @@ static void update(simServer *server)
 }
 
 /* Asks for blocks until a batch is ready; they leave together. */
-static void makeFlood(simServer *server)
+static void makeFlood(simBlockTcp *server)
 {
     size_t before;
 
@@ -360,7 +360,7 @@ static void makeFlood(simServer *server)
 /* ---- receiving ---- */
 
 /* Copies received bytes into blocks; tells the owner of each complete one. */
-static void sortBytes(simServer *server, const epicsUInt8 *bytes, size_t count)
+static void sortBytes(simBlockTcp *server, const epicsUInt8 *bytes, size_t count)
 {
     int client = server->client;
 
@@ -384,7 +384,7 @@ static void sortBytes(simServer *server, const epicsUInt8 *bytes, size_t count)
 }
 
 /* One recv(). Returns 1 when there may be more. */
-static int receiveSome(simServer *server)
+static int receiveSome(simBlockTcp *server)
 {
     static epicsUInt8 buffer[65536];
     size_t room = sizeof(buffer);
@@ -400,25 +400,25 @@ static int receiveSome(simServer *server)
     }
     if (server->faults.cut == 0) {
         server->faults.cut = -1;
-        simServerDrop(server, 1, "cut");
+        simBlockTcpDrop(server, 1, "cut");
         return 0;
     }
     if (n == 0)
-        simServerDrop(server, 0, "closed by the IOC");
+        simBlockTcpDrop(server, 0, "closed by the IOC");
     else if (n < 0 && errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR)
-        simServerDrop(server, 1, strerror(errno));
+        simBlockTcpDrop(server, 1, strerror(errno));
     return n > 0;
 }
 
 static void onClient(void *arg, int fd, short revents)
 {
-    simServer *server = arg;
+    simBlockTcp *server = arg;
     int rounds = READ_ROUNDS;
 
     /* A pulled cable hides the end of the connection too; do not spin on it. */
     if ((server->faults.unplugged || server->faults.stall) && !(revents & POLLOUT)) {
         if (revents & (POLLHUP | POLLERR))
-            simServerDrop(server, 1, "ended by the IOC");
+            simBlockTcpDrop(server, 1, "ended by the IOC");
         return;
     }
     if (revents & (POLLIN | POLLHUP | POLLERR))
@@ -433,44 +433,44 @@ static void onClient(void *arg, int fd, short revents)
 
 /* ---- faults ---- */
 
-void simServerPower(simServer *server, int on)
+void simBlockTcpPower(simBlockTcp *server, int on)
 {
     if (!on)
-        simServerDrop(server, 1, "PLC off");
+        simBlockTcpDrop(server, 1, "PLC off");
     simListenerPower(&server->listener, on);
 }
 
-void simServerSilence(simServer *server, int on)
+void simBlockTcpSilence(simBlockTcp *server, int on)
 {
     server->faults.silence = on;
     update(server);
 }
 
-void simServerRefuse(simServer *server, int on)
+void simBlockTcpRefuse(simBlockTcp *server, int on)
 {
     server->faults.refuse = on;
     simListenerRefuse(&server->listener, on);
 }
 
-void simServerStall(simServer *server, int on)
+void simBlockTcpStall(simBlockTcp *server, int on)
 {
     server->faults.stall = on;
     update(server);
 }
 
-void simServerFlood(simServer *server, int on)
+void simBlockTcpFlood(simBlockTcp *server, int on)
 {
     server->faults.flood = on;
     update(server);
 }
 
-void simServerDelay(simServer *server, double seconds)
+void simBlockTcpDelay(simBlockTcp *server, double seconds)
 {
     server->faults.delay = seconds;
     update(server);
 }
 
-void simServerFragment(simServer *server, size_t bytes, double pause)
+void simBlockTcpFragment(simBlockTcp *server, size_t bytes, double pause)
 {
     server->faults.fragment = bytes;
     server->faults.fragmentPause = pause;
@@ -478,7 +478,7 @@ void simServerFragment(simServer *server, size_t bytes, double pause)
     update(server);
 }
 
-void simServerUnplug(simServer *server, int on)
+void simBlockTcpUnplug(simBlockTcp *server, int on)
 {
     if (server->faults.unplugged == on)
         return;
@@ -487,11 +487,11 @@ void simServerUnplug(simServer *server, int on)
     update(server);
 }
 
-void simServerClearFaults(simServer *server)
+void simBlockTcpClearFaults(simBlockTcp *server)
 {
     int refused = server->faults.refuse;
 
-    simServerUnplug(server, 0);
+    simBlockTcpUnplug(server, 0);
     memset(&server->faults, 0, sizeof(server->faults));
     server->faults.truncate = server->faults.cut = -1;
     if (refused)
@@ -499,7 +499,7 @@ void simServerClearFaults(simServer *server)
     update(server);
 }
 
-void simServerFaultText(const simServer *server, simText *out)
+void simBlockTcpFaultText(const simBlockTcp *server, simText *out)
 {
     const simFaults *f = &server->faults;
     size_t before = out->length;
