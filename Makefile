@@ -1,25 +1,39 @@
-# plclink: an ordinary EPICS module, and two commands that need nothing but Debian:
-#   make demo    an IOC and a simulated PLC exchange blocks before your eyes
-#   make test    all tests
-# There is `make demo-redundant` too: a redundant pair of PLCs, and a cable that is pulled.
-# And `make demo-sync`: an IOC with the values of yesterday meets a plant that runs;
-# `make demo-modbus`: setpoints over Modbus, acknowledged or refused.
-# `make demo-asyn`, where ASYN is set: the same PLC as an asyn port, side by side.
-# In a tree with configure/RELEASE.local (or EPICS_BASE set), plain `make` is a plain EPICS
-# build and installs nothing on the machine.
+# plclink: an ordinary EPICS module, and commands that need nothing but Debian.
+# `make help` lists them. Plain `make` where an EPICS Base is named (configure/RELEASE) is a
+# plain EPICS build and installs nothing on the machine.
 
 TOP = .
-
-.PHONY: demo demo-redundant demo-sync demo-asyn demo-modbus test bench
 
 ifneq ($(words $(CURDIR)),1)
   $(error EPICS cannot build in a path with a blank: "$(CURDIR)". Move the tree)
 endif
 
-ifneq ($(filter demo demo-% test bench,$(MAKECMDGOALS)),)
-  # GNU make makes this included file when it is missing, then reads it and goes on.
-  include configure/RELEASE.local
-  configure/RELEASE.local: ; @configure/setup.sh base
+.PHONY: help demo demo-redundant demo-sync demo-asyn demo-modbus test bench
+
+HELP = "make                 build (needs EPICS_BASE, see configure/RELEASE)" \
+    "make rebuild         clean, then build: after an update of the sources" \
+    "make clean           remove what was compiled" \
+    "make distclean       remove what was compiled and installed" \
+    "make demo            an IOC and a simulated PLC exchange blocks before your eyes" \
+    "make demo-redundant  the cable of a PRIMARY is pulled, no record goes INVALID" \
+    "make demo-sync       an IOC with the values of yesterday meets a plant that runs" \
+    "make demo-modbus     setpoints over Modbus, acknowledged or refused" \
+    "make demo-asyn       the same PLC as an asyn port (where ASYN is set)" \
+    "make test            all tests" \
+    "make bench           speed" \
+    "The demos, test and bench bring all they need on Debian, an EPICS Base too."
+
+# Where a Base is named, make reads all the files that may do it.
+include configure/RELEASE
+
+ifneq ($(filter help,$(MAKECMDGOALS)),)
+  help: ; @printf '%s\n' $(HELP)
+else ifneq ($(filter demo demo-% test bench,$(MAKECMDGOALS)),)
+  ifneq ($(origin EPICS_BASE),file)
+    # GNU make makes this included file when it is missing, then reads it and goes on.
+    include configure/RELEASE.local
+    configure/RELEASE.local: ; @configure/setup.sh base
+  endif
 
   # Each of these brings everything it needs; they are not part of the EPICS build.
   BUILD = echo "== build" && $(MAKE) -s $(if $(findstring -j,$(MAKEFLAGS)),,-j$(shell nproc)) all
@@ -30,14 +44,31 @@ ifneq ($(filter demo demo-% test bench,$(MAKECMDGOALS)),)
   demo-modbus: ; @+$(BUILD) && exec iocBoot/iocModbus/demo
   test: ; @+tests/run
   bench: ; @+$(BUILD) && exec tests/bench/run
-else ifeq ($(wildcard configure/RELEASE.local ../RELEASE.local)$(EPICS_BASE),)
+else ifneq ($(filter rebuild,$(MAKECMDGOALS)),)
+  # Compiled files remember the headers they were made from by name: after an update that
+  # has moved or removed one, make stops with "No rule to make target".
+  rebuild: ; @+$(MAKE) clean && $(MAKE) all
+else ifeq ($(EPICS_BASE),)
   .DEFAULT_GOAL := missing
-  .PHONY: missing
+  .PHONY: missing clean distclean
   missing:
 	@echo "No EPICS Base: write EPICS_BASE = <path> into configure/RELEASE.local," >&2
 	@echo "or type 'make demo' or 'make test', which find or build one." >&2
 	@false
-  %: missing ; @false
+  clean: ; @find . -name 'O.*' -type d -prune -exec rm -rf {} +
+  distclean: clean ; @rm -rf bin lib dbd db include cfg op html doc templates
+  $(filter-out clean distclean missing,$(MAKECMDGOALS)): missing
+else ifeq ($(origin EPICS_BASE),environment)
+  # EPICS wants to find it in a file. When that is made, make reads all anew.
+  include configure/RELEASE.local
+  configure/RELEASE.local: ; @configure/setup.sh release
+  .DEFAULT_GOAL := unnamed
+  .PHONY: unnamed
+  unnamed:
+	@echo "EPICS_BASE is in the environment, and configure/RELEASE.local does not name it:" >&2
+	@echo "write EPICS_BASE = $(EPICS_BASE) into that file." >&2
+	@false
+  $(filter-out unnamed,$(MAKECMDGOALS)): unnamed
 else
   include $(TOP)/configure/CONFIG
 

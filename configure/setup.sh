@@ -2,6 +2,8 @@
 # Makes the machine ready to build plclink. Called by the top Makefile, not by hand.
 #
 #   configure/setup.sh base    find or build EPICS Base, write configure/RELEASE.local
+#   configure/setup.sh named   print the EPICS Base that a RELEASE file or the environment names
+#   configure/setup.sh release write EPICS_BASE from the environment into configure/RELEASE.local
 #   configure/setup.sh python  make the Python environment of the system tests, print its path
 #
 # Debian 12 and 13. What is there already is used; nothing is downloaded twice. Everything
@@ -116,6 +118,12 @@ base() {
     write_release "$b"
 }
 
+# What make reads; nothing where no Base is named.
+named() {
+    printf 'TOP = .\ninclude configure/RELEASE\nnamed: ; @echo $(EPICS_BASE)\n' |
+        make -s --no-print-directory -f - named
+}
+
 write_release() {
     say "using EPICS Base in $1"
     printf '# Written by configure/setup.sh. Edit at will: it is not overwritten.\nEPICS_BASE = %s\n' \
@@ -143,6 +151,8 @@ python() {
 
 case ${1:-} in
     base) base ;;
+    named) named ;;
+    release) write_release "$EPICS_BASE" ;;
     python) mkdir -p "$cache"; python ;;
-    *) die "usage: configure/setup.sh base|python" ;;
+    *) die "usage: configure/setup.sh base|named|release|python" ;;
 esac

@@ -6,6 +6,7 @@ or several workers of one run, do not see each other's IOCs.
 import os
 import socket
 import struct
+import subprocess
 import threading
 from pathlib import Path
 
@@ -47,12 +48,9 @@ class Repeater:
 
 
 def epics_base():
-    """EPICS_BASE from configure/RELEASE.local, as the build has it."""
-    for line in (TOP / "configure/RELEASE.local").read_text().splitlines():
-        name, _, value = line.partition("=")
-        if name.strip() == "EPICS_BASE":
-            return Path(value.strip())
-    return Path(os.environ["EPICS_BASE"])
+    """EPICS_BASE as the build has it, from one of the RELEASE files or the environment."""
+    return Path(subprocess.run([TOP / "configure/setup.sh", "named"], check=True, text=True,
+                               stdout=subprocess.PIPE).stdout.strip())
 
 
 BASE = epics_base()

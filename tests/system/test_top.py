@@ -3,11 +3,14 @@ import os
 import shutil
 import subprocess
 
-from client import TOP
+import pytest
+
+from client import ARCH, BASE, TOP
 
 
-def make(directory, *targets):
+def make(directory, *targets, **more):
     env = {k: v for k, v in os.environ.items() if not k.startswith(("EPICS", "MAKE", "TOP"))}
+    env.update(more)
     return subprocess.run(["make", *targets], cwd=directory, env=env, text=True,
                           capture_output=True, stdin=subprocess.DEVNULL, timeout=60)
 
@@ -31,11 +34,45 @@ def test_blank(tmp_path):
 def test_no_base(tmp_path):
     """plain make without an EPICS Base says what to do, and installs nothing"""
     tree = copy(tmp_path / "tree")
-    for targets in ([], ["all"], ["clean"]):
+    for targets in ([], ["all"], ["install"]):
         run = make(tree, *targets)
         assert run.returncode != 0
         assert "RELEASE.local" in run.stderr and "make demo" in run.stderr, run.stderr
     assert not (tree / "configure/RELEASE.local").exists()
+
+
+def test_bare(tmp_path):
+    """clean, distclean and help work in a bare clone"""
+    tree = copy(tmp_path / "tree")
+    (tree / "src/O.Common").mkdir(parents=True)
+    (tree / "lib").mkdir()
+    assert "make demo" in make(tree, "help").stdout
+    for target, left in (("clean", True), ("distclean", False)):
+        run = make(tree, target)
+        assert run.returncode == 0 and not run.stderr, run.stderr
+        assert (tree / "lib").exists() == left
+    assert (tree / "src").exists() and not (tree / "src/O.Common").exists()
+
+
+@pytest.mark.parametrize("place", ["configure/RELEASE", "configure/RELEASE.local",
+                                   "../RELEASE.local", "../RELEASE.{arch}.local",
+                                   "configure/RELEASE.{arch}.local", "environment"])
+def test_named(tmp_path, place):
+    """an EPICS Base that is named in {place} is found"""
+    tree = copy(tmp_path / "tree")
+    env = {"EPICS_HOST_ARCH": ARCH}
+    if place == "environment":
+        env["EPICS_BASE"] = str(BASE)
+    else:
+        with open(tree / place.format(arch=ARCH), "a") as file:
+            file.write(f"EPICS_BASE = {BASE}\n")
+    (tree / "Makefile").write_text((tree / "Makefile").read_text().replace(
+        "DIRS += s7plcApp phoenixRedundApp plcSim tests iocBoot\n", ""))
+    run = make(tree, "-s", **env)
+    assert run.returncode == 0, run.stderr
+    assert (tree / f"configure/O.{ARCH}/MODBUS").exists()
+    if place == "environment":
+        assert f"EPICS_BASE = {BASE}" in (tree / "configure/RELEASE.local").read_text()
 
 
 def test_without_asyn():
@@ -46,3 +83,19 @@ def test_without_asyn():
         lines = [line for line in run.stdout.splitlines() if "left out" in line]
         assert lines == ["s7plcAsyn left out (PLCs as asyn ports): "
                          "ASYN is not set in configure/RELEASE.local"], run.stdout
+
+
+def test_without_modbus(tmp_path):
+    """a build without libmodbus says so in one line, and its IOC knows no Modbus"""
+    tree = tmp_path / "tree"
+    shutil.copytree(TOP, tree, ignore=shutil.ignore_patterns(
+        "O.*", ".git", "bin", "lib", "dbd", "db", "include", "cfg", "tests", "iocBoot", "*.pyc"))
+    (tree / "configure/CONFIG_SITE.local").write_text("HAS_MODBUS = NO\n")
+    (tree / "configure/RELEASE.local").write_text(f"EPICS_BASE = {BASE}\n")
+    for directory in ("configure", "s7plcApp"):
+        run = make(tree, "-s", "-j2", "-C", directory)
+        assert run.returncode == 0, run.stderr
+    assert [line for line in run.stdout.splitlines() if "Modbus" in line] == [
+        f"s7plcModbus left out for {ARCH} (PLCs over Modbus/TCP): libmodbus is not there "
+        "(Debian: libmodbus-dev)"], run.stdout
+    assert "modbus" not in (tree / "dbd/s7plcIoc.dbd").read_text()
