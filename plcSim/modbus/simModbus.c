@@ -3,245 +3,49 @@
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */
-#include <errno.h>
-#include <poll.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/socket.h>
-#include <unistd.h>
 
 #include <cantProceed.h>
 
 #include "simModbus.h"
 
-#define INBOX 4096        /* bytes read at a time */
-#define MAX_QUEUED 65536u /* bytes that a client may leave unread */
-#define READ_ROUNDS 4     /* reads per call, so that a fast client leaves time */
+#define INBOX 4096 /* bytes read at a time */
 
-/* Bytes on their way to a client. */
-typedef struct chunk {
-    ELLNODE node;
-    double due; /* s, simNow() scale: not before */
-    int last;   /* the connection ends behind it */
-    size_t size, sent;
-    epicsUInt8 bytes[];
-} chunk;
-
-struct simModbusClient {
-    simModbus *modbus;
-    unsigned number;
-    int fd;
-    char peer[SIM_PEER_SIZE];
-    double connectTime;
+/* What is known of a client. */
+typedef struct modbusClient {
     epicsUInt64 requests;
-    epicsUInt8 inbox[INBOX];
-    size_t filled;
-    ELLLIST queue;
-    size_t queued; /* bytes in it */
-    simTimer timer;
     int mute;         /* half an answer left: nothing more will */
-    int ended;        /* the client sends no more */
-    int otherUnit;    /* of the last request that was for another unit, -1 = none */
+    int otherUnit;    /* last unit asked for that is not here, + 1; 0 = none */
     unsigned refusal; /* function and exception that were logged last */
-};
+} modbusClient;
 
-static void update(simModbusClient *client);
-static void onClient(void *arg, int fd, short revents);
-
-/* ---- connections ---- */
-
-static simModbusClient **slotOf(simModbus *modbus, const simModbusClient *client)
+static modbusClient *ownOf(const simClient *client)
 {
-    int i;
-
-    for (i = 0; i < SIM_MODBUS_CLIENTS; i++)
-        if (modbus->clients[i] == client)
-            return &modbus->clients[i];
-    return NULL;
+    return client->own;
 }
 
-/* Reads away what is there, since close() with unread bytes sends RST instead of FIN. */
-static void drain(int fd)
+static simModbus *modbusOf(const simClient *client)
 {
-    char junk[INBOX];
-    int rounds = 1000;
-
-    while (rounds-- > 0 && recv(fd, junk, sizeof(junk), MSG_DONTWAIT) > 0)
-        ;
-}
-
-/* Ends a connection; the client is gone afterwards. */
-static void dropClient(simModbusClient *client, int reset, const char *reason)
-{
-    struct linger linger = {1, 0};
-    simModbus *modbus = client->modbus;
-    chunk *c;
-
-    simTimerStop(modbus->loop, &client->timer);
-    simLoopForget(modbus->loop, client->fd);
-    if (reset) {
-        setsockopt(client->fd, SOL_SOCKET, SO_LINGER, &linger, sizeof(linger));
-    } else {
-        shutdown(client->fd, SHUT_WR);
-        drain(client->fd);
-    }
-    close(client->fd);
-    while ((c = (chunk *)ellGet(&client->queue)))
-        free(c);
-    simLog(modbus->name, "Modbus: connection %u from %s ended: %s", client->number,
-           client->peer, reason);
-    *slotOf(modbus, client) = NULL;
-    modbus->clientCount--;
-    free(client);
+    return client->all->server;
 }
 
 int simModbusDrop(simModbus *modbus, int reset, const char *reason)
 {
-    int count = 0;
-    int i;
-
-    for (i = 0; i < SIM_MODBUS_CLIENTS; i++) {
-        if (!modbus->clients[i])
-            continue;
-        dropClient(modbus->clients[i], reset, reason);
-        count++;
-    }
-    return count;
-}
-
-static void takeClient(void *owner, int fd, const char *peer)
-{
-    simModbus *modbus = owner;
-    simModbusClient **slot = slotOf(modbus, NULL);
-    simModbusClient *client;
-
-    if (!slot) {
-        modbus->counts.sentAway++;
-        simLog(modbus->name, "Modbus: connection from %s sent away: %d are open", peer,
-               SIM_MODBUS_CLIENTS);
-        close(fd);
-        return;
-    }
-    client = *slot = callocMustSucceed(1, sizeof(*client), "simModbus");
-    modbus->clientCount++;
-    modbus->counts.connections++;
-    client->modbus = modbus;
-    client->number = ++modbus->serial;
-    client->fd = fd;
-    client->otherUnit = -1;
-    client->connectTime = simNow();
-    snprintf(client->peer, sizeof(client->peer), "%s", peer);
-    ellInit(&client->queue);
-    simLog(modbus->name, "Modbus: connection %u from %s", client->number, peer);
-    update(client);
-}
-
-/* ---- sending ---- */
-
-static void queueBytes(simModbusClient *client, const epicsUInt8 *bytes, size_t size,
-                       double delay, int last)
-{
-    chunk *c = mallocMustSucceed(sizeof(*c) + size, "simModbus");
-
-    memset(c, 0, sizeof(*c));
-    c->due = delay > 0 ? simNow() + delay : 0;
-    c->last = last;
-    c->size = size;
-    if (bytes)
-        memcpy(c->bytes, bytes, size);
-    else
-        while (size > 0)
-            c->bytes[--size] = (epicsUInt8)(rand() >> 7);
-    ellAdd(&client->queue, &c->node);
-    client->queued += c->size;
-}
-
-/* Sends of one chunk what the socket takes. Returns 1 when it is all out, 0 when not, -1
- * when the connection broke. */
-static int sendChunk(simModbusClient *client, chunk *c)
-{
-    ssize_t sent;
-
-    while (c->sent < c->size) {
-        sent = send(client->fd, c->bytes + c->sent, c->size - c->sent,
-                    MSG_NOSIGNAL | MSG_DONTWAIT);
-        if (sent < 0)
-            return errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR ? 0 : -1;
-        c->sent += (size_t)sent;
-    }
-    return 1;
-}
-
-/* Sends what is due. Returns -1 when the client is gone. */
-static int pump(simModbusClient *client)
-{
-    chunk *c;
-
-    while ((c = (chunk *)ellFirst(&client->queue)) && c->due <= simNow()) {
-        int status = sendChunk(client, c);
-        int last = c->last;
-
-        if (status < 0) {
-            dropClient(client, 1, strerror(errno));
-            return -1;
-        }
-        if (status == 0)
-            return 0;
-        client->queued -= c->size;
-        ellDelete(&client->queue, &c->node);
-        free(c);
-        if (last) {
-            dropClient(client, 0, "closed by a fault");
-            return -1;
-        }
-    }
-    return 0;
-}
-
-static void onTimer(void *arg)
-{
-    update(arg);
-}
-
-/* Sends what may leave now, then asks the loop for what is still needed. The client may
- * be gone afterwards. */
-static void update(simModbusClient *client)
-{
-    simModbus *modbus = client->modbus;
-    short events = 0;
-    chunk *c;
-
-    simTimerStop(modbus->loop, &client->timer);
-    if (!modbus->faults.unplugged) {
-        if (pump(client))
-            return;
-        c = (chunk *)ellFirst(&client->queue);
-        if (!c && client->ended) {
-            dropClient(client, 0, "closed by the client");
-            return;
-        }
-        if (c && c->due > simNow())
-            simTimerSet(modbus->loop, &client->timer, c->due, onTimer, client);
-        else if (c)
-            events |= POLLOUT;
-        if (!client->ended && client->queued < MAX_QUEUED)
-            events |= POLLIN;
-    }
-    simLoopWatch(modbus->loop, client->fd, events, onClient, client);
+    return simClientsDrop(&modbus->clients, reset, reason);
 }
 
 /* ---- requests ---- */
 
-static void remember(simModbusClient *client, const simRequest *request, int result)
+static void remember(simClient *client, const simRequest *request, int result)
 {
-    simModbus *modbus = client->modbus;
+    simModbus *modbus = modbusOf(client);
     simModbusRecord *record =
         &modbus->history[modbus->counts.requests % SIM_MODBUS_HISTORY];
 
     modbus->counts.requests++;
     modbus->counts.function[request->function]++;
-    client->requests++;
+    ownOf(client)->requests++;
     record->time = simNow();
     record->client = client->number;
     record->result = result;
@@ -257,27 +61,27 @@ static void countSpan(unsigned largest[2], const simSpan *span)
         *max = span->count;
 }
 
-static void countException(simModbusClient *client, const simRequest *request, int code)
+static void countException(simClient *client, const simRequest *request, int code)
 {
-    simModbusCounts *counts = &client->modbus->counts;
+    simModbusCounts *counts = &modbusOf(client)->counts;
     unsigned refusal = request->function << 8 | (unsigned)code;
 
     counts->refused[request->function]++;
     counts->exception[code]++;
-    if (client->refusal != refusal)
-        simLog(client->modbus->name,
+    if (ownOf(client)->refusal != refusal)
+        simLog(modbusOf(client)->name,
                "Modbus: connection %u: function %u is answered with exception %d",
                client->number, request->function, code);
-    client->refusal = refusal;
+    ownOf(client)->refusal = refusal;
 }
 
 /* The answer leaves, as the faults have it. */
-static void sendAnswer(simModbusClient *client, epicsUInt8 *answer, size_t size,
+static void sendAnswer(simClient *client, epicsUInt8 *answer, size_t size,
                        const simModbusFate *fate)
 {
     int last = 0;
 
-    client->modbus->counts.answers++;
+    modbusOf(client)->counts.answers++;
     if (fate->wrongId)
         answer[1] ^= 1;
     if (fate->wrongUnit)
@@ -285,18 +89,18 @@ static void sendAnswer(simModbusClient *client, epicsUInt8 *answer, size_t size,
     if (fate->half || (fate->shorten >= 0 && (size_t)fate->shorten < size)) {
         size = fate->half ? size / 2 : (size_t)fate->shorten;
         last = fate->half || fate->close;
-        client->mute = 1;
+        ownOf(client)->mute = 1;
     }
     if (fate->garbage >= 0)
-        queueBytes(client, NULL, (size_t)fate->garbage, fate->delay, last);
+        simClientSend(client, NULL, (size_t)fate->garbage, fate->delay, last);
     else
-        queueBytes(client, answer, size, fate->delay, last);
+        simClientSend(client, answer, size, fate->delay, last);
 }
 
 /* A complete request for our unit. */
-static void serve(simModbusClient *client, simRequest *request, int code)
+static void serve(simClient *client, simRequest *request, int code)
 {
-    simModbus *modbus = client->modbus;
+    simModbus *modbus = modbusOf(client);
     epicsUInt8 answer[SIM_MODBUS_ADU];
     simModbusFate fate;
     size_t size;
@@ -304,7 +108,7 @@ static void serve(simModbusClient *client, simRequest *request, int code)
     countSpan(modbus->counts.maxRead, &request->read);
     countSpan(modbus->counts.maxWrite, &request->write);
     simModbusFaultsMeet(&modbus->faults, request, &fate);
-    if (client->mute || fate.silent || request->function >= 128) {
+    if (ownOf(client)->mute || fate.silent || request->function >= 128) {
         modbus->counts.silent++;
         remember(client, request, -1);
         return;
@@ -324,18 +128,18 @@ static void serve(simModbusClient *client, simRequest *request, int code)
 }
 
 /* A gateway has no such unit behind it: it says nothing, or exception 11. */
-static void serveOther(simModbusClient *client, simRequest *request)
+static void serveOther(simClient *client, simRequest *request)
 {
     static const simModbusFate none = {.shorten = -1, .garbage = -1};
-    simModbus *modbus = client->modbus;
+    simModbus *modbus = modbusOf(client);
     epicsUInt8 answer[SIM_MODBUS_ADU];
-    int code = modbus->gateway && !client->mute && request->function < 128 ? 11 : -1;
+    int code = modbus->gateway && !ownOf(client)->mute && request->function < 128 ? 11 : -1;
 
-    if (client->otherUnit != (int)request->unit)
+    if (ownOf(client)->otherUnit != (int)request->unit + 1)
         simLog(modbus->name, "Modbus: connection %u: unit %u is not here, %d is: %s",
                client->number, request->unit, modbus->unit,
                code < 0 ? "no answer" : "exception 11");
-    client->otherUnit = (int)request->unit;
+    ownOf(client)->otherUnit = (int)request->unit + 1;
     modbus->counts.otherUnit++;
     remember(client, request, code);
     if (code < 0)
@@ -345,75 +149,27 @@ static void serveOther(simModbusClient *client, simRequest *request)
                simAnswerException(&modbus->answerer, request, code, answer), &none);
 }
 
-/* Serves all complete requests in the inbox. Returns -1 when the client is gone. */
-static int serveInbox(simModbusClient *client)
+/* One request from the inbox, see simClients.h. */
+static long take(simClient *client)
 {
-    simModbus *modbus = client->modbus;
-    size_t done = 0, size;
+    simModbus *modbus = modbusOf(client);
+    size_t size = simFrameSize(client->inbox, client->filled);
     simRequest request;
     int code;
 
-    while (done < client->filled) {
-        const epicsUInt8 *frame = client->inbox + done;
-
-        size = simFrameSize(frame, client->filled - done);
-        if (size == 0) {
-            modbus->counts.garbage++;
-            dropClient(client, 0, "this is no Modbus/TCP");
-            return -1;
-        }
-        if (size > client->filled - done)
-            break;
-        code = simRequestParse(&request, frame, size);
-        if (modbus->unit >= 0 && request.unit != (unsigned)modbus->unit)
-            serveOther(client, &request);
-        else
-            serve(client, &request, code);
-        done += size;
+    if (size == 0) {
+        modbus->counts.garbage++;
+        simClientDrop(client, 0, "this is no Modbus/TCP");
+        return SIM_CLIENT_GONE;
     }
-    client->filled -= done;
-    memmove(client->inbox, client->inbox + done, client->filled);
-    return 0;
-}
-
-/* One recv(). Returns 1 when there may be more, -1 when the client is gone. */
-static int receiveSome(simModbusClient *client)
-{
-    ssize_t n = recv(client->fd, client->inbox + client->filled, INBOX - client->filled,
-                     MSG_DONTWAIT);
-
-    if (n > 0) {
-        client->filled += (size_t)n;
-        return serveInbox(client) ? -1 : client->queued < MAX_QUEUED;
-    }
-    if (n == 0) {
-        client->ended = 1;
+    if (size > client->filled)
         return 0;
-    }
-    if (errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR)
-        return 0;
-    dropClient(client, 1, strerror(errno));
-    return -1;
-}
-
-static void onClient(void *arg, int fd, short revents)
-{
-    simModbusClient *client = arg;
-    int rounds = READ_ROUNDS;
-    int status = 1;
-    int waits =
-        client->modbus->faults.unplugged || client->ended || client->queued >= MAX_QUEUED;
-
-    (void)fd;
-    /* Where nothing is read, only poll() can tell that the connection is gone. */
-    if (waits && revents & (POLLHUP | POLLERR)) {
-        dropClient(client, 1, "ended by the client");
-        return;
-    }
-    while (!waits && rounds-- > 0 && status > 0)
-        status = receiveSome(client);
-    if (status >= 0)
-        update(client);
+    code = simRequestParse(&request, client->inbox, size);
+    if (modbus->unit >= 0 && request.unit != (unsigned)modbus->unit)
+        serveOther(client, &request);
+    else
+        serve(client, &request, code);
+    return (long)size;
 }
 
 /* ---- opening and closing ---- */
@@ -427,16 +183,18 @@ int simModbusOpen(simModbus *modbus, simLoop *loop, const char *name, const char
         callocMustSucceed(SIM_MODBUS_HISTORY, sizeof(simModbusRecord), "simModbusOpen");
     if (simAnswererOpen(&modbus->answerer, &modbus->map, name))
         return -1;
-    return simListenerOpen(&modbus->listener, loop, name, address, port, takeClient,
-                           modbus);
+    modbus->clients.inboxSize = INBOX;
+    modbus->clients.ownSize = sizeof(modbusClient);
+    modbus->clients.server = modbus;
+    modbus->clients.take = take;
+    return simClientsOpen(&modbus->clients, loop, name, "Modbus", address, port);
 }
 
 void simModbusClose(simModbus *modbus)
 {
     if (!modbus->loop)
         return;
-    simModbusDrop(modbus, 0, "the simulator ends");
-    simListenerClose(&modbus->listener);
+    simClientsClose(&modbus->clients);
     simAnswererClose(&modbus->answerer);
     free(modbus->history);
     modbus->history = NULL;
@@ -445,37 +203,29 @@ void simModbusClose(simModbus *modbus)
 
 const char *simModbusAddress(const simModbus *modbus)
 {
-    return simListenerAddress(&modbus->listener);
+    return simListenerAddress(&modbus->clients.listener);
 }
 
 void simModbusPower(simModbus *modbus, int on)
 {
-    if (!modbus->loop)
-        return;
-    if (!on)
-        simModbusDrop(modbus, 1, "PLC off");
-    simListenerPower(&modbus->listener, on);
+    if (modbus->loop)
+        simClientsPower(&modbus->clients, on);
 }
 
 void simModbusUnplug(simModbus *modbus, int on)
 {
-    int i;
-
-    if (!modbus->loop || modbus->faults.unplugged == on)
+    if (!modbus->loop)
         return;
     modbus->faults.unplugged = on;
-    simListenerUnplug(&modbus->listener, on);
-    for (i = 0; i < SIM_MODBUS_CLIENTS; i++)
-        if (modbus->clients[i])
-            update(modbus->clients[i]);
+    simClientsUnplug(&modbus->clients, on);
 }
 
 void simModbusRefuse(simModbus *modbus, int on)
 {
-    if (!modbus->loop || modbus->faults.refuse == on)
+    if (!modbus->loop)
         return;
     modbus->faults.refuse = on;
-    simListenerRefuse(&modbus->listener, on);
+    simClientsRefuse(&modbus->clients, on);
 }
 
 /* ---- looking ---- */
@@ -483,6 +233,7 @@ void simModbusRefuse(simModbus *modbus, int on)
 void simModbusClearCounts(simModbus *modbus)
 {
     memset(&modbus->counts, 0, sizeof(modbus->counts));
+    modbus->clients.connections = modbus->clients.sentAway = 0;
 }
 
 static void countsText(const simModbusCounts *n, simText *out)
@@ -522,21 +273,21 @@ void simModbusStatus(const simModbus *modbus, simText *out)
         simTextAdd(out, " unit=%d", modbus->unit);
     else
         simTextAdd(out, " unit=any");
-    simTextAdd(out, " clients=%d connections=%llu sent_away=%llu\n", modbus->clientCount,
-               (unsigned long long)modbus->counts.connections,
-               (unsigned long long)modbus->counts.sentAway);
+    simTextAdd(out, " clients=%d connections=%llu sent_away=%llu\n", modbus->clients.count,
+               (unsigned long long)modbus->clients.connections,
+               (unsigned long long)modbus->clients.sentAway);
     simTextAdd(out, "modbus areas:");
     simMapText(&modbus->map, out);
     simTextAdd(out, "\n");
-    for (i = 0; i < SIM_MODBUS_CLIENTS; i++) {
-        const simModbusClient *c = modbus->clients[i];
+    for (i = 0; i < SIM_MAX_CLIENTS; i++) {
+        const simClient *c = modbus->clients.list[i];
 
         if (c)
             simTextAdd(out,
                        "modbus client: number=%u peer=%s seconds=%.3f requests=%llu "
                        "unsent=%lu\n",
                        c->number, c->peer, now - c->connectTime,
-                       (unsigned long long)c->requests, (unsigned long)c->queued);
+                       (unsigned long long)ownOf(c)->requests, (unsigned long)c->queued);
     }
     countsText(&modbus->counts, out);
     simTextAdd(out, "modbus faults:");

@@ -9,17 +9,13 @@
 #ifndef INC_simModbus_H
 #define INC_simModbus_H
 
-#include <ellLib.h>
-
-#include "simListener.h"
+#include "simClients.h"
 #include "simModbusAnswer.h"
 #include "simModbusFaults.h"
 
-#define SIM_MODBUS_CLIENTS 32
 #define SIM_MODBUS_HISTORY 1000
 
 typedef struct simModbusCounts {
-    epicsUInt64 connections, sentAway;
     epicsUInt64 requests, answers;
     epicsUInt64 function[256]; /* requests */
     epicsUInt64 refused[256];  /* requests that an exception answered */
@@ -39,8 +35,6 @@ typedef struct simModbusRecord {
     epicsUInt8 bytes[SIM_MODBUS_FRAME];
 } simModbusRecord;
 
-typedef struct simModbusClient simModbusClient;
-
 typedef struct simModbus {
     simLoop *loop;
     const char *name;
@@ -48,10 +42,7 @@ typedef struct simModbus {
     int gateway; /* another unit gets exception 11 instead of silence */
     simModbusMap map;
     simAnswerer answerer;
-    simListener listener;
-    simModbusClient *clients[SIM_MODBUS_CLIENTS];
-    int clientCount;
-    unsigned serial; /* of the newest client */
+    simClients clients;
     simModbusFaults faults;
     simModbusCounts counts;
     simModbusRecord *history; /* ring of SIM_MODBUS_HISTORY */

@@ -80,7 +80,7 @@ static int openServer(void *server, const char *address, const void *like)
     (void)like; /* a pair has no Modbus */
     if (s->keys->port < 0)
         return 0;
-    s->modbus.listener.receiveBuffer = s->plc->config->receiveBuffer;
+    s->modbus.clients.listener.receiveBuffer = s->plc->config->receiveBuffer;
     return simModbusOpen(&s->modbus, s->plc->loop, s->plc->name, address,
                          (unsigned)s->keys->port);
 }

@@ -91,10 +91,10 @@ static int dial(const struct sockaddr_in *address)
 
 static int openClient(void)
 {
-    epicsUInt64 before = modbus->counts.connections + modbus->counts.sentAway;
-    int fd = dial(&modbus->listener.address);
+    epicsUInt64 before = modbus->clients.connections + modbus->clients.sentAway;
+    int fd = dial(&modbus->clients.listener.address);
 
-    UNTIL(modbus->counts.connections + modbus->counts.sentAway > before);
+    UNTIL(modbus->clients.connections + modbus->clients.sentAway > before);
     return fd;
 }
 
@@ -211,8 +211,8 @@ static void testPieces(void)
     memcpy(plc.memory.blocks[4]->bytes, "\x01\x02", 2);
     testOk(works(fd), "what the HMI sets is read");
     close(fd);
-    UNTIL(modbus->clientCount == 0);
-    testOk(modbus->clientCount == 0, "a client that has gone is forgotten");
+    UNTIL(modbus->clients.count == 0);
+    testOk(modbus->clients.count == 0, "a client that has gone is forgotten");
 }
 
 static void testEnds(void)
@@ -226,10 +226,10 @@ static void testEnds(void)
 
     fd = openClient();
     say(fd, "00 09 00 00 00 06 01 03");
-    UNTIL(modbus->clientCount == 1);
+    UNTIL(modbus->clients.count == 1);
     close(fd);
-    UNTIL(modbus->clientCount == 0);
-    testOk(modbus->clientCount == 0, "half a request is forgotten with its client");
+    UNTIL(modbus->clients.count == 0);
+    testOk(modbus->clients.count == 0, "half a request is forgotten with its client");
 
     fd = openClient();
     say(fd, ASK);
@@ -256,27 +256,27 @@ static void testEnds(void)
 
 static void testMany(void)
 {
-    int fds[SIM_MODBUS_CLIENTS];
+    int fds[SIM_MAX_CLIENTS];
     int good = 0;
     int extra, i;
 
-    for (i = 0; i < SIM_MODBUS_CLIENTS; i++) {
+    for (i = 0; i < SIM_MAX_CLIENTS; i++) {
         fds[i] = openClient();
         say(fds[i], ASK);
     }
-    for (i = SIM_MODBUS_CLIENTS; i-- > 0;)
+    for (i = SIM_MAX_CLIENTS; i-- > 0;)
         good += hears(fds[i], TOLD);
-    testOk(good == SIM_MODBUS_CLIENTS, "%d clients are served at a time", good);
+    testOk(good == SIM_MAX_CLIENTS, "%d clients are served at a time", good);
     extra = openClient();
     testOk(hearsEnd(extra) == ENDED, "one more is sent away");
     close(extra);
     close(fds[3]);
-    UNTIL(modbus->clientCount == SIM_MODBUS_CLIENTS - 1);
+    UNTIL(modbus->clients.count == SIM_MAX_CLIENTS - 1);
     fds[3] = openClient();
     testOk(works(fds[3]), "when one has gone, another is served");
-    for (i = 0; i < SIM_MODBUS_CLIENTS; i++)
+    for (i = 0; i < SIM_MAX_CLIENTS; i++)
         close(fds[i]);
-    UNTIL(modbus->clientCount == 0);
+    UNTIL(modbus->clients.count == 0);
 }
 
 /* Sends requests until the server takes no more. Returns how many left. */
@@ -321,7 +321,7 @@ static void testDeaf(void)
     testOk(works(deaf), "and is served again");
     close(deaf);
     close(other);
-    UNTIL(modbus->clientCount == 0);
+    UNTIL(modbus->clients.count == 0);
 }
 
 static void testFaults(void)
@@ -413,8 +413,8 @@ static void testPower(void)
     simModbusUnplug(modbus, 1);
     say(fd, ASK);
     late = socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-    n = connect(late, (struct sockaddr *)&modbus->listener.address,
-                sizeof(modbus->listener.address));
+    n = connect(late, (struct sockaddr *)&modbus->clients.listener.address,
+                sizeof(modbus->clients.listener.address));
     testOk(n < 0 && errno == EINPROGRESS, "unplugged: a new connection gets no answer");
     close(late);
     for (n = 0; n < 10; n++)
@@ -431,8 +431,8 @@ static void testPower(void)
     close(fd);
     simModbusRefuse(modbus, 1);
     late = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    n = connect(late, (struct sockaddr *)&modbus->listener.address,
-                sizeof(modbus->listener.address));
+    n = connect(late, (struct sockaddr *)&modbus->clients.listener.address,
+                sizeof(modbus->clients.listener.address));
     testOk(n < 0 && errno == ECONNREFUSED, "refuse");
     close(late);
     simModbusRefuse(modbus, 0);
