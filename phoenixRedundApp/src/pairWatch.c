@@ -24,6 +24,7 @@
 #include <epicsTime.h>
 
 #include "pairWatch.h"
+#include "plcWake.h"
 
 #define REQUESTS 4    /* of one question */
 #define LEAST_MS 50.0 /* period */
@@ -62,7 +63,7 @@ struct pairWatch {
     unsigned ways;
     int stop; /* atomic */
     int way;  /* atomic: which of pairWatchDatagram ... is in use, 0: none */
-    int pipe[2];
+    plcWake wake;
     epicsEventId ended;
     epicsMutexId lock;  /* guards period, and wanted and now of the hosts */
     epicsUInt64 period; /* ns */
@@ -331,8 +332,8 @@ static void readSocket(pairWatch *w)
 static void waitFor(pairWatch *w, epicsUInt64 wake)
 {
     struct pollfd fds[2 + PLC_LINKS_MAX] = {
-        {w->pipe[0], POLLIN, 0},
-        {w->socket,  POLLIN, 0}
+        {plcWakeDescriptor(&w->wake), POLLIN, 0},
+        {w->socket,                   POLLIN, 0}
     };
     epicsUInt64 now = epicsMonotonicGet();
     char buffer[16];
@@ -347,8 +348,8 @@ static void waitFor(pairWatch *w, epicsUInt64 wake)
     }
     if (poll(fds, 2 + PLC_LINKS_MAX, ms) <= 0)
         return;
-    while (fds[0].revents && read(w->pipe[0], buffer, sizeof(buffer)) > 0)
-        ;
+    if (fds[0].revents)
+        plcWakeTake(&w->wake);
     if (fds[1].revents)
         readSocket(w);
     for (i = 0; i < PLC_LINKS_MAX; i++)
@@ -381,9 +382,12 @@ static void watchThread(void *arg)
 
 /* --- From outside ------------------------------------------------------------------- */
 
-static void wake(pairWatch *w)
+static void freeWatch(pairWatch *w)
 {
-    (void)!write(w->pipe[1], "", 1); /* a full pipe wakes as well */
+    plcWakeFree(&w->wake);
+    epicsEventDestroy(w->ended);
+    epicsMutexDestroy(w->lock);
+    free(w);
 }
 
 pairWatch *pairWatchCreate(unsigned ways, pairWatchNews *news, void *pvt)
@@ -404,13 +408,12 @@ pairWatch *pairWatchCreate(unsigned ways, pairWatchNews *news, void *pvt)
         w->plc[i].step = NEVER;
         w->plc[i].output = -1;
     }
-    if (makePipe(w->pipe))
-        cantProceed("pairWatch: no pipe: %s\n", strerror(errno));
-    if (!epicsThreadCreate("pairWatch", epicsThreadPriorityLow,
-                           epicsThreadGetStackSize(epicsThreadStackMedium), watchThread,
-                           w))
-        cantProceed("pairWatch: no thread\n");
-    return w;
+    if (plcWakeInit(&w->wake) == 0 &&
+        epicsThreadCreate("pairWatch", epicsThreadPriorityLow,
+                          epicsThreadGetStackSize(epicsThreadStackMedium), watchThread, w))
+        return w;
+    freeWatch(w);
+    return NULL;
 }
 
 void pairWatchDestroy(pairWatch *w)
@@ -418,51 +421,53 @@ void pairWatchDestroy(pairWatch *w)
     if (!w)
         return;
     epicsAtomicSetIntT(&w->stop, 1);
-    wake(w);
+    plcWakeUp(&w->wake);
     epicsEventMustWait(w->ended);
-    close(w->pipe[0]);
-    close(w->pipe[1]);
-    epicsEventDestroy(w->ended);
-    epicsMutexDestroy(w->lock);
-    free(w);
+    freeWatch(w);
 }
 
 void pairWatchHost(pairWatch *w, unsigned which, struct in_addr host)
 {
     int news;
 
+    if (!w)
+        return;
     epicsMutexMustLock(w->lock);
     news = w->plc[which].wanted.s_addr != host.s_addr;
     w->plc[which].wanted = host;
     w->plc[which].now |= news;
     epicsMutexUnlock(w->lock);
     if (news)
-        wake(w);
+        plcWakeUp(&w->wake);
 }
 
 void pairWatchPeriod(pairWatch *w, double ms)
 {
     unsigned i;
 
+    if (!w)
+        return;
     epicsMutexMustLock(w->lock);
     w->period = (epicsUInt64)((ms > 0 && ms < LEAST_MS ? LEAST_MS : ms) * 1e6);
     for (i = 0; i < PLC_LINKS_MAX; i++)
         w->plc[i].now = 1;
     epicsMutexUnlock(w->lock);
-    wake(w);
+    plcWakeUp(&w->wake);
 }
 
 void pairWatchNow(pairWatch *w, unsigned which)
 {
+    if (!w)
+        return;
     epicsMutexMustLock(w->lock);
     w->plc[which].now = 1;
     epicsMutexUnlock(w->lock);
-    wake(w);
+    plcWakeUp(&w->wake);
 }
 
 const char *pairWatchWay(pairWatch *w)
 {
-    switch (epicsAtomicGetIntT(&w->way)) {
+    switch (w ? epicsAtomicGetIntT(&w->way) : 0) {
     case pairWatchDatagram:
         return "ICMP datagram socket";
     case pairWatchRaw:

@@ -20,7 +20,8 @@ enum { pairWatchDatagram = 1, pairWatchRaw = 2, pairWatchCommand = 4, pairWatchA
 typedef void pairWatchNews(void *pvt, unsigned which, int answers);
 
 /* Starts the thread; it asks when it knows hosts and a period. `ways` is a set of
- * pairWatchDatagram ...; a machine that allows none of them brings no news. */
+ * pairWatchDatagram ...; a machine that allows none of them brings no news. Returns NULL when
+ * there is no thread or no descriptor for it; the functions below take that, and do nothing. */
 pairWatch *pairWatchCreate(unsigned ways, pairWatchNews *news, void *pvt);
 
 /* Ends and joins the thread. No news after that. */

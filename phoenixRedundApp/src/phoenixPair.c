@@ -269,7 +269,7 @@ static void askBackup(phoenixPair *p, unsigned which)
     int ask;
 
     epicsMutexMustLock(p->lock);
-    ask = p->pingPeriod > 0 && p->status.reachable[which] == phoenixAnswers;
+    ask = p->watch && p->pingPeriod > 0 && p->status.reachable[which] == phoenixAnswers;
     p->asked[which] = ask;
     p->status.backup = backupOf(p);
     epicsMutexUnlock(p->lock);
@@ -303,6 +303,9 @@ static void begin(void *pvt, plcStation *station)
 
     p->station = station;
     p->watch = pairWatchCreate(pairWatchAny, news, p);
+    if (!p->watch)
+        plcStationLog(station, errlogMajor, "cannot ask by ICMP echo: no thread or no "
+                      "descriptor for it");
     p->pingPeriod = -1; /* options() tells the watch */
 }
 

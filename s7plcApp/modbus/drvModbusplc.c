@@ -79,6 +79,11 @@ static plcStation *configure(const char *command, const char *const args[7])
     config.transport = &plcModbusTransport;
     config.transportOwn = &own;
     station = plcStationCreate(&config);
+    if (!station) {
+        free(own.inputs);
+        free(own.outputs);
+        return NULL;
+    }
     sprintf(text, "%d", (int)timeout);
     plcStationSetOption(station, "requestTimeout", text, why, sizeof(why));
     return station;

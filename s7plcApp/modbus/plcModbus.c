@@ -20,7 +20,7 @@ static void signalWorker(void *arg)
 {
     plcModbus *m = arg;
 
-    epicsEventSignal(m->event);
+    plcWakeUp(&m->wake);
 }
 
 static void *zeroed(size_t size)
@@ -37,7 +37,7 @@ plcModbus *plcModbusCreate(const plcModbusSetup *setup)
     epicsSnprintf(m->name, sizeof(m->name), "%s-mb", setup->name);
     m->setup = *setup;
     m->setup.name = m->name;
-    m->event = epicsEventMustCreate(epicsEventEmpty);
+    m->canWake = plcWakeInit(&m->wake) == 0;
     m->lock = epicsMutexMustCreate();
     m->options.requestTimeout = 1000;
     m->options.readPeriod = 1000;
@@ -92,11 +92,11 @@ void plcModbusDestroy(plcModbus *m)
     endSession(m);
     epicsMutexUnlock(m->lock);
     if (m->thread) {
-        epicsEventSignal(m->event);
+        plcWakeUp(&m->wake);
         epicsThreadMustJoin(m->thread);
     }
     plcModbusWireDestroy(m->wire);
-    epicsEventDestroy(m->event);
+    plcWakeFree(&m->wake);
     epicsMutexDestroy(m->lock);
     free(m->glueIn);
     free(m->ownGlueIn);
@@ -118,16 +118,18 @@ void plcModbusDestroy(plcModbus *m)
     free(m);
 }
 
-static void startThread(plcModbus *m)
+/* Returns 0, or -1: there is no thread. */
+static int startThread(plcModbus *m)
 {
     epicsThreadOpts options = EPICS_THREAD_OPTS_INIT;
 
+    if (m->thread)
+        return 0;
     options.priority = epicsThreadPriorityMedium;
     options.stackSize = epicsThreadStackMedium;
     options.joinable = 1;
     m->thread = epicsThreadCreateOpt(m->name, worker, m, &options);
-    if (!m->thread)
-        cantProceed("plcModbus %s: cannot start its thread\n", m->name);
+    return m->thread ? 0 : -1;
 }
 
 /* --- For the station's thread ----------------------------------------------------- */
@@ -137,7 +139,7 @@ void plcModbusSetOptions(plcModbus *m, const plcModbusOptions *options)
     epicsMutexMustLock(m->lock);
     m->options = *options;
     epicsMutexUnlock(m->lock);
-    epicsEventSignal(m->event);
+    plcWakeUp(&m->wake);
 }
 
 static int copyGlue(epicsUInt8 *to, const epicsUInt8 *from, size_t size)
@@ -150,24 +152,28 @@ static int copyGlue(epicsUInt8 *to, const epicsUInt8 *from, size_t size)
 void plcModbusStart(plcModbus *m, SOCKET socket, const epicsUInt8 *glueIn,
                     const epicsUInt8 *glueOut)
 {
-    int copy = fcntl(socket, F_DUPFD_CLOEXEC, 0), error = errno;
+    int copy = fcntl(socket, F_DUPFD_CLOEXEC, 0);
+    const char *why = copy < 0 || !m->canWake ? "too many open files in IOC"
+                      : startThread(m)        ? "no thread for Modbus"
+                                              : NULL;
 
     epicsMutexMustLock(m->lock);
     endSession(m);
     m->running = 1;
-    m->handed = copy;
-    if (copy < 0) {
-        m->news.lost = m->hasNews = 1;
-        epicsSnprintf(m->news.why, sizeof(m->news.why), "%s", strerror(error));
-    }
+    m->handed = why ? INVALID_SOCKET : copy;
     m->knowsIn = copyGlue(m->glueIn, glueIn, m->setup.inSize);
     m->knowsOut = copyGlue(m->glueOut, glueOut, m->setup.outSize);
-    if (!m->thread)
-        startThread(m);
+    if (why) {
+        m->news.lost = m->hasNews = 1;
+        strcpy(m->news.why, why);
+    }
     epicsMutexUnlock(m->lock);
-    epicsEventSignal(m->event);
-    if (copy < 0)
+    plcWakeUp(&m->wake);
+    if (why) {
+        if (copy >= 0)
+            epicsSocketDestroy(copy);
         m->setup.wake(m->setup.arg);
+    }
 }
 
 void plcModbusStop(plcModbus *m)
@@ -175,7 +181,7 @@ void plcModbusStop(plcModbus *m)
     epicsMutexMustLock(m->lock);
     endSession(m);
     epicsMutexUnlock(m->lock);
-    epicsEventSignal(m->event);
+    plcWakeUp(&m->wake);
 }
 
 /* Bits of `from` that are set in the mask, into `to`. */
@@ -203,7 +209,7 @@ void plcModbusWrite(plcModbus *m, const void *image, const void *mask)
                      size); /* what it shows is older than that */
     m->ordered = 1;
     epicsMutexUnlock(m->lock);
-    epicsEventSignal(m->event);
+    plcWakeUp(&m->wake);
 }
 
 /* What was refused is good again, and the records have it: the caller has come back. The
@@ -446,15 +452,8 @@ static void worker(void *arg)
     int ending = 0;
 
     while (!ending) {
-        epicsUInt64 next, now;
-
         beginSession(m);
-        next = step(m);
-        now = epicsMonotonicGet();
-        if (next > now)
-            epicsEventWaitWithTimeout(m->event, next - now > 3600000 * NS_PER_MS
-                                                    ? 3600
-                                                    : (double)(next - now) / 1e9);
+        plcWakeWait(&m->wake, step(m));
         epicsMutexMustLock(m->lock);
         ending = m->ending;
         epicsMutexUnlock(m->lock);

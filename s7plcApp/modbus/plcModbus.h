@@ -51,8 +51,8 @@ typedef struct plcModbusOptions {
 } plcModbusOptions;
 
 /* No thread yet; but it takes a descriptor for libmodbus, which can only use those below
- * 1024: call it when the PLC is configured. Without one, each connection is lost at once,
- * with the reason. */
+ * 1024: call it when the PLC is configured. Without one, or without a thread, each
+ * connection is lost at once, with the reason. */
 plcModbus *plcModbusCreate(const plcModbusSetup *setup);
 void plcModbusDestroy(plcModbus *modbus); /* ends and joins the thread */
 

@@ -80,19 +80,23 @@ static int askOnce(plcModbus *m, const plcRequest *q)
     return x.lost ? -1 : x.exception;
 }
 
-/* Waits, but not longer than the session lasts. Returns 0 when it has ended. */
+/* Waits, but not longer than the session lasts. Returns 0 when it has ended. What wakes it
+ * meanwhile (an order, a new session, the end) is not for us: the worker has to look. */
 static int rest(plcModbus *m, unsigned ms)
 {
-    epicsUInt64 end = epicsMonotonicGet() + ms * NS_PER_MS, now;
+    epicsUInt64 end = epicsMonotonicGet() + ms * NS_PER_MS;
+    int on = 1, woken = 0, late = 0;
 
-    while (plcWorkerEnter(m)) {
+    while (!late && (on = plcWorkerEnter(m))) {
         epicsMutexUnlock(m->lock);
-        now = epicsMonotonicGet();
-        if (now >= end)
-            return 1;
-        epicsEventWaitWithTimeout(m->event, (double)(end - now) / 1e9);
+        if (plcWakeWait(&m->wake, end))
+            woken = 1;
+        else
+            late = 1;
     }
-    return 0;
+    if (woken)
+        plcWakeUp(&m->wake);
+    return on;
 }
 
 /* As askOnce; a PLC that is busy is asked again for as long as a request may take. */

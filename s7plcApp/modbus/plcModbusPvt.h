@@ -9,14 +9,14 @@
 #ifndef INC_plcModbusPvt_H
 #define INC_plcModbusPvt_H
 
-#include <epicsEvent.h>
 #include <epicsMutex.h>
 #include <epicsThread.h>
 
 #include "plcModbus.h"
 #include "plcModbusWire.h"
+#include "plcWake.h"
 
-#define PLC_WORKER_NEVER (~(epicsUInt64)0)
+#define PLC_WORKER_NEVER PLC_WAKE_NEVER
 #define NS_PER_MS 1000000ull
 
 enum {
@@ -55,7 +55,8 @@ struct plcModbus {
     char name[40];
     plcModbusSetup setup;
     plcModbusWire *wire;
-    epicsEventId event;
+    plcWake wake;
+    int canWake; /* there were descriptors for it */
     epicsThreadId thread;
 
     epicsMutexId lock; /* guards from here on */

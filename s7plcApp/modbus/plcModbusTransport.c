@@ -83,6 +83,19 @@ static void options(void *pvt, const plcOptions *o)
     plcModbusSetOptions(t->worker, &chosen);
 }
 
+/* The range that is read most often, or the outputs. */
+static double longestPause(void *pvt, const plcOptions *o)
+{
+    modbusTransport *t = pvt;
+    double least = t->own.outputCount ? o->readPeriod : 0;
+    unsigned i;
+
+    for (i = 0; i < t->own.inputCount; i++)
+        if (!(least > 0) || t->own.inputs[i].period < least)
+            least = t->own.inputs[i].period;
+    return least;
+}
+
 static void up(void *pvt, SOCKET socket, const epicsUInt8 *wholeIn,
                const epicsUInt8 *wholeOut)
 {
@@ -154,6 +167,7 @@ const plcTransport plcModbusTransport = {
     .destroy = destroy,
     .begin = begin,
     .end = end,
+    .pause = longestPause,
     .options = options,
     .up = up,
     .down = down,

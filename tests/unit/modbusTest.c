@@ -18,6 +18,7 @@
 #include <testMain.h>
 
 #include "plcModbus.h"
+#include "testFaults.h"
 #include "testTools.h"
 
 #define COUNT(table) (sizeof(table) / sizeof(table[0]))
@@ -1200,6 +1201,141 @@ static void testDestroy(void)
     plcDestroy(p);
 }
 
+/* --- A PLC that answers that it is busy: the worker rests and asks again ----------- */
+
+static void destroyThread(void *arg)
+{
+    void **both = arg;
+
+    worldDestroy(both[0]);
+    epicsEventSignal(both[1]);
+}
+
+/* Returns 0 when it does not come to an end. */
+static int endsInTime(world *w)
+{
+    void *both[2] = {w, epicsEventMustCreate(epicsEventEmpty)};
+
+    epicsThreadMustCreate("destroy", epicsThreadPriorityMedium,
+                          epicsThreadGetStackSize(epicsThreadStackMedium), destroyThread,
+                          both);
+    if (epicsEventWaitWithTimeout(both[1], PATIENCE_S) != epicsEventOK)
+        return 0;
+    epicsEventDestroy(both[1]);
+    return 1;
+}
+
+static void testRest(void)
+{
+    plc *p = plcCreate();
+    world *w;
+    int i, ends = 1, good = 0;
+
+    for (i = 0; i < 40 && ends; i++) {
+        plcForget(p);
+        plcOneRule(p, 0, 0, 65535, refuses, i % 2 ? 5 : 6);
+        w = worldCreate(p, "holding 0 10 every 5", "holding 20 10", 1);
+        start(w, NULL, NULL);
+        WAIT_FOR(plcLogged(p) > (unsigned)i % 5);
+        ends = endsInTime(w);
+        WAIT_FOR(!plcConnected(p));
+    }
+    testOk(ends, "destroyed while it waits for a PLC that is busy, %d times", i);
+    if (!ends)
+        testAbort("it does not come to an end");
+    w = worldCreate(p, "holding 0 10 every 5", "holding 20 10", 1);
+    for (i = 0; i < 20; i++) {
+        plcForget(p);
+        plcOneRule(p, 0, 0, 65535, refuses, 6);
+        start(w, NULL, NULL);
+        WAIT_FOR(plcLogged(p) >= 2);
+        plcModbusStop(w->modbus);
+        WAIT_FOR(!plcConnected(p));
+        plcSetRules(p, NULL, 0);
+        start(w, NULL, NULL);
+        UNTIL(w, w->all.blocks);
+        good += w->all.blocks > 0;
+        plcModbusStop(w->modbus);
+        WAIT_FOR(!plcConnected(p));
+    }
+    testOk(good == 20, "stopped and started anew while it waits: %d of 20", good);
+    worldDestroy(w);
+    plcDestroy(p);
+}
+
+/* What is ordered while something else waits for the PLC is not forgotten. */
+static void testOrderInRest(void)
+{
+    plc *p = plcCreate();
+    world *w = worldCreate(p, "", "holding 20 10", 1);
+    unsigned i;
+
+    w->options.requestTimeout = 500;
+    w->options.heartbeatRegister = 900;
+    w->options.heartbeat = 3600000;
+    setOptions(w);
+    plcOneRule(p, 6, 900, 900, refuses, 6);
+    start(w, NULL, NULL);
+    WAIT_FOR(plcAsked(p, 6, 900) >= 2);
+    for (i = 0; i < 10; i++) {
+        putRegister(w, i, 0xabc0 + i);
+        sendOrders(w);
+        epicsThreadSleep(0.001);
+    }
+    UNTIL(w, plcRegister(p, 29) == 0xabc9);
+    testOk(plcRegister(p, 29) == 0xabc9 && plcRegister(p, 20) == 0xabc0,
+           "an order that comes while the heartbeat waits is written");
+    worldDestroy(w);
+    plcDestroy(p);
+}
+
+/* --- The clock of the machine is set back ----------------------------------------------- */
+
+static void testClock(void)
+{
+    plc *p = plcCreate();
+    world *w = worldCreate(p, "holding 0 10 every 5", "holding 20 10", 1);
+    unsigned before;
+
+    start(w, NULL, NULL);
+    UNTIL(w, w->all.blocks);
+    faultClockBack(1);
+    before = plcLogged(p);
+    WAIT_FOR(plcLogged(p) > before + 50);
+    testOk(plcLogged(p) > before + 50, "the clock is set back: it polls on");
+    plcOneRule(p, 0, 0, 65535, refuses, 6);
+    before = plcLogged(p);
+    WAIT_FOR(plcLogged(p) > before + 5);
+    testOk(plcLogged(p) > before + 5, "and asks a PLC that is busy again");
+    faultClockBack(0);
+    worldDestroy(w);
+    plcDestroy(p);
+}
+
+/* --- No thread for it --------------------------------------------------------------- */
+
+static void testNoThread(void)
+{
+    plc *p = plcCreate();
+    world *w = worldCreate(p, "holding 0 10 every 5", "holding 20 10", 1);
+    int i, good = 0;
+
+    faultNoThreads(1);
+    for (i = 0; i < 3; i++) {
+        start(w, NULL, NULL);
+        UNTIL(w, w->all.lost);
+        good += strcmp(w->all.why, "no thread for Modbus") == 0;
+        plcModbusStop(w->modbus);
+    }
+    testOk(good == 3, "no thread: lost at once: %s", w->all.why);
+    faultNoThreads(0);
+    start(w, NULL, NULL);
+    UNTIL(w, w->all.blocks);
+    testOk(w->all.blocks && !w->all.lost, "as soon as there is one: connected");
+    worldDestroy(w);
+    plcDestroy(p);
+}
+
 /* Writes and polls at once: each of them goes on. */
 static void testBusy(void)
 {
@@ -1295,7 +1431,7 @@ static void testDescriptors(void)
 
 MAIN(modbusTest)
 {
-    testPlan(105);
+    testPlan(112);
     testInputs();
     testLittleEndian();
     testPeriods();
@@ -1313,6 +1449,10 @@ MAIN(modbusTest)
     testOldOrders();
     testDestroy();
     testBusy();
+    testRest();
+    testOrderInRest();
+    testNoThread();
+    testClock();
     testDescriptors();
     return testDone();
 }

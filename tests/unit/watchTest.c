@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "pairWatch.h"
+#include "testFaults.h"
 
 /* Class E: no machine has this address, and no router takes it. */
 #define NOBODY "240.0.0.1"
@@ -158,6 +159,22 @@ static void off(void)
     testOk(countOf(0) == before, "with no way to ask there is no news");
 }
 
+/* The machine has no thread left: the station goes on without. */
+static void noThread(void)
+{
+    pairWatch *w;
+
+    faultNoThreads(1);
+    w = pairWatchCreate(pairWatchAny, news, NULL);
+    faultNoThreads(0);
+    testOk(!w, "without a thread there is no watch");
+    setHost(w, 0, "127.0.0.1");
+    pairWatchPeriod(w, 100);
+    pairWatchNow(w, 0);
+    testOk(strcmp(pairWatchWay(w), "nothing") == 0, "and it can be told what it likes");
+    pairWatchDestroy(w);
+}
+
 MAIN(watchTest)
 {
     static const struct {
@@ -171,7 +188,7 @@ MAIN(watchTest)
     };
     int i;
 
-    testPlan(18);
+    testPlan(20);
     lock = epicsMutexMustCreate();
     for (i = 0; i < 3; i++)
         if (ways[i].can())
@@ -179,5 +196,6 @@ MAIN(watchTest)
         else
             testSkip(5, ways[i].name);
     off();
+    noThread();
     return testDone();
 }

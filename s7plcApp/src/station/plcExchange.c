@@ -17,6 +17,9 @@
 /* A put may take this long until the PLC shows it, beyond the period of reading, ms. */
 #define PATIENCE_MS 1000
 
+/* Beyond what requests may take, until a worker that makes none is given up, ms. */
+#define SILENCE_MS 1000
+
 void plcExchangeCreate(plcStation *s, const plcTransport *transport, const void *own,
                        unsigned line)
 {
@@ -105,6 +108,7 @@ static void startWhenReady(plcStation *s)
     if (!x->waiting || !epicsAtomicGetIntT(&s->ready))
         return;
     x->waiting = 0;
+    x->sign = epicsMonotonicGet();
     in = x->inFaults ? wholeValues(s, 0) : NULL;
     out = wholeValues(s, 1);
     x->transport->up(x->pvt, s->lines[x->line].connection.socket, in, out);
@@ -137,6 +141,7 @@ void plcExchangeDown(plcStation *s)
     plcExchange *x = s->exchange;
 
     x->waiting = 0;
+    x->sign = 0;
     x->transport->down(x->pvt);
     x->shown = x->unread = 0; /* no block may tell what the next connection is asked for */
     epicsAtomicSetIntT(&s->taken, 0);
@@ -252,7 +257,28 @@ static void lookAtOutputs(plcStation *s, epicsUInt64 now)
     x->shown = 0;
 }
 
-void plcExchangeStep(plcStation *s, epicsUInt64 now)
+/* A worker that stands still must not leave old data with the records as good. A request, and
+ * a second one where the PLC was busy, may take requestTimeout each. */
+static void watchWorker(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
+{
+    plcExchange *x = s->exchange;
+    double pause = x->transport->pause(x->pvt, &s->now);
+    char why[PLC_REASON_SIZE];
+    epicsUInt64 due;
+
+    if (!x->sign || !(pause > 0))
+        return;
+    due = x->sign + plcMsToNs(pause + 2 * s->now.requestTimeout + SILENCE_MS);
+    if (now < due) {
+        plcEarlier(wake, due);
+        return;
+    }
+    epicsSnprintf(why, sizeof(why), "no %s request for %.1f s", x->transport->name,
+                  (now - x->sign) * 1e-9);
+    plcLineLost(s, x->line, now, why);
+}
+
+void plcExchangeStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
 {
     plcExchange *x = s->exchange;
     plcNews news;
@@ -261,6 +287,8 @@ void plcExchangeStep(plcStation *s, epicsUInt64 now)
     startWhenReady(s);
     if (x->transport->news(x->pvt, &news, x->input, x->output)) {
         countNews(s, &news, now);
+        if (x->sign && news.requests)
+            x->sign = now;
         if (news.log[0])
             plcStationLog(s, errlogMajor, news.log);
         if (news.shown)
@@ -286,6 +314,7 @@ void plcExchangeStep(plcStation *s, epicsUInt64 now)
     }
     if (s->lines[x->line].connection.state == plcConnectionUp && s->outSize)
         lookAtOutputs(s, now);
+    watchWorker(s, now, wake);
 }
 
 /* --- Orders -------------------------------------------------------------------------------*/

@@ -1,10 +1,8 @@
 /* Stations: their list, their life, and what records ask of them; see plcStation.h.
  * The thread that does the work is in plcStationThread.c. */
 #include <errno.h>
-#include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include <cantProceed.h>
 #include <epicsAtomic.h>
@@ -102,18 +100,6 @@ PLC_HOT static void passDone(void *pvt, epicsUInt64 requested)
         plcStationWake(s);
 }
 
-static void makePipe(plcStation *s)
-{
-    int i;
-
-    if (pipe(s->wakePipe))
-        cantProceed("s7plc %s: no pipe: %s\n", s->name, strerror(errno));
-    for (i = 0; i < 2; i++) {
-        fcntl(s->wakePipe[i], F_SETFL, fcntl(s->wakePipe[i], F_GETFL) | O_NONBLOCK);
-        fcntl(s->wakePipe[i], F_SETFD, FD_CLOEXEC);
-    }
-}
-
 static void setLine(plcStation *s, unsigned i, const plcStationConfig *config)
 {
     epicsSnprintf(s->address[i], sizeof(s->address[i]), "%s", config->address[i]);
@@ -173,6 +159,11 @@ plcStation *plcStationCreate(const plcStationConfig *config)
     unsigned i;
 
     epicsSnprintf(s->name, sizeof(s->name), "%s", config->name);
+    if (plcWakeInit(&s->wake)) {
+        errlogSevPrintf(errlogFatal, "s7plc %s: no pipe: %s\n", s->name, strerror(errno));
+        free(s);
+        return NULL;
+    }
     s->inSize = config->inSize;
     s->outSize = config->outSize;
     s->bigEndian = s->order = config->bigEndian != 0;
@@ -199,7 +190,6 @@ plcStation *plcStationCreate(const plcStationConfig *config)
     s->lineCount = s->policy->links;
     for (i = 0; i < s->lineCount; i++)
         setLine(s, i, config);
-    makePipe(s);
     if (config->transport)
         plcExchangeCreate(s, config->transport, config->transportOwn, 0);
 
@@ -286,8 +276,7 @@ void plcStationsDestroy(void)
         plcImageDestroy(s->in);
         plcImageDestroy(s->out);
         plcReadbackDestroy(s->readback);
-        close(s->wakePipe[0]);
-        close(s->wakePipe[1]);
+        plcWakeFree(&s->wake);
         epicsEventDestroy(s->ended);
         epicsMutexDestroy(s->lock);
         free(s->held);
@@ -305,10 +294,7 @@ void plcStationWake(void *arg)
 {
     plcStation *s = arg;
 
-    if (epicsAtomicCmpAndSwapIntT(&s->woken, 0, 1) == 0) {
-        ssize_t n = write(s->wakePipe[1], "", 1);
-        (void)n; /* a full pipe wakes as well */
-    }
+    plcWakeUp(&s->wake);
 }
 
 /* --- What records need ----------------------------------------------------------------- */

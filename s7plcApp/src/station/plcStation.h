@@ -54,8 +54,9 @@ typedef struct plcStationConfig {
 
 #define PLC_BLOCK_MAX (16u << 20) /* bytes: a larger block is a typing error */
 
-/* Makes a station. All arguments have been checked (plcStationConfigure does). Before
- * iocInit its thread waits for plcStationsStart; later it starts at once. */
+/* Makes a station. All arguments have been checked (plcConfigure does). Before iocInit its
+ * thread waits for plcStationsStart; later it starts at once. Returns NULL, after an error
+ * line, when the process has no descriptors left; the policy stays with the caller then. */
 plcStation *plcStationCreate(const plcStationConfig *config);
 
 /* Before iocInit: outputs of a station that gets blocks leave by this transport, to this

@@ -23,6 +23,7 @@
 #include "plcScan.h"
 #include "plcStation.h"
 #include "plcTransport.h"
+#include "plcWake.h"
 
 /* What the thread and a transport with a worker hand each other. */
 typedef struct plcExchange {
@@ -39,6 +40,7 @@ typedef struct plcExchange {
     int shown;             /* `output` is news that nobody has looked at yet */
     int unread;            /* the PLC does not show its outputs */
     epicsUInt64 ordered;   /* when the oldest put under way was made; 0: none is */
+    epicsUInt64 sign;      /* the last request was through then; 0: there is none to come */
 } plcExchange;
 
 /* One way to the PLC, with its connection. Owned by the thread. */
@@ -83,8 +85,7 @@ struct plcStation {
     void *listenerPvt;
 
     /* from any thread to ours */
-    int wakePipe[2];
-    int woken;   /* atomic: a byte is in the pipe already */
+    plcWake wake;
     int stop;    /* atomic */
     int ready;   /* atomic: all records are there */
     int running; /* atomic: PINI is over, scans are on */
@@ -270,8 +271,8 @@ void plcExchangeUp(plcStation *s);
 void plcExchangeLost(plcStation *s, const char *why);
 void plcExchangeDown(plcStation *s);
 
-/* What the worker has to tell. */
-void plcExchangeStep(plcStation *s, epicsUInt64 now);
+/* What the worker has to tell; and whether it still does. */
+void plcExchangeStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake);
 
 /* What records have written. */
 void plcExchangeOutputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake);

@@ -8,7 +8,6 @@
 #include <poll.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include <epicsAtomic.h>
 #include <epicsStdio.h>
@@ -248,18 +247,6 @@ static void begin(plcStation *s)
     }
 }
 
-PLC_COLD static void drainPipe(plcStation *s)
-{
-    char buffer[16];
-
-    while (read(s->wakePipe[0], buffer, sizeof(buffer)) > 0)
-        ;
-    /* Last: a byte that comes in between would be read while `woken` stays set, and no
-     * wake would ever write another. A full barrier: what was to be done is looked at
-     * later. */
-    epicsAtomicCmpAndSwapIntT(&s->woken, 1, 0);
-}
-
 /* Waits until something happens or the time `wake` comes. */
 static void waitFor(plcStation *s, epicsUInt64 wake)
 {
@@ -268,7 +255,7 @@ static void waitFor(plcStation *s, epicsUInt64 wake)
     epicsUInt64 wait = wake > now ? wake - now : 0;
     unsigned i, n, first;
 
-    fds[0].fd = s->wakePipe[0];
+    fds[0].fd = plcWakeDescriptor(&s->wake);
     fds[0].events = POLLIN;
     for (i = 0; i < s->lineCount; i++) {
         fds[i + 1].fd = plcLineSocket(s, i);
@@ -287,7 +274,7 @@ static void waitFor(plcStation *s, epicsUInt64 wake)
         return;
     now = epicsMonotonicGet();
     if (fds[0].revents)
-        drainPipe(s);
+        plcWakeTake(&s->wake);
     /* The leader first: who is late to look must not take the other's block for a sign
      * that the leader is silent. */
     first = s->leader > 0 ? s->leader : 0;
@@ -322,7 +309,7 @@ PLC_HOT void plcStationThread(void *arg)
         if (s->policyWake && s->looked >= s->policyWake)
             plcLineTellPolicy(s, plcEventTick, 0, now);
         if (s->exchange)
-            plcExchangeStep(s, now);
+            plcExchangeStep(s, now, &wake);
         for (i = 0; i < s->lineCount; i++)
             plcLineStep(s, i, now, &wake);
         plcLineDataStep(s, &wake);

@@ -72,6 +72,10 @@ typedef struct plcTransport {
     void (*begin)(void *pvt);
     void (*end)(void *pvt);
 
+    /* So long it may go without any request, ms; 0: it need not make one. A worker that is
+     * silent for longer, and for the requests that may be under way, is given up. */
+    double (*pause)(void *pvt, const struct plcOptions *options);
+
     /* From the next request on. */
     void (*options)(void *pvt, const struct plcOptions *options);
 
