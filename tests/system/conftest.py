@@ -6,14 +6,17 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
 
 import client  # noqa: E402  (sets the environment before anything loads libca)
 from blackhole import BlackHole  # noqa: E402
 from ioc import Ioc  # noqa: E402
 from modbuspeer import ModbusPeer  # noqa: E402
 from peer import Peer  # noqa: E402
+from scl.plc import SclPlc  # noqa: E402
 from sim import Sim  # noqa: E402
+
+PLCS = {"plcSim": Sim, "SCL": SclPlc}
 
 
 def pytest_collection_modifyitems(items):
@@ -22,8 +25,9 @@ def pytest_collection_modifyitems(items):
         sentence = (item.obj.__doc__ or item.name).strip().splitlines()[0].rstrip(".")
         if hasattr(item, "callspec"):
             words = {k: getattr(v, "__name__", v) for k, v in item.callspec.params.items()}
-            words["id"] = item.callspec.id
-            sentence = sentence.format_map(words)
+            ids = item.callspec.id.split("-")
+            words["id"] = "-".join(i for i in ids if i not in PLCS)
+            sentence = sentence.format_map(words) + (" [SCL]" if "SCL" in ids else "")
         item._nodeid = f"{item.nodeid.split('::')[0]}::{sentence}"
 
 
@@ -79,6 +83,16 @@ def new_sim(tmp_path, closing):
         sim = Sim(tmp_path, text, *options)
         closing(sim)
         return sim
+    return make
+
+
+@pytest.fixture(params=PLCS.values(), ids=PLCS)
+def new_plc(request, tmp_path, closing):
+    """As new_sim; the program in the PLC is plcSim's, or the SCL of the documents."""
+    def make(text, *options):
+        plc = request.param(tmp_path, text, *options)
+        closing(plc)
+        return plc
     return make
 
 

@@ -126,10 +126,10 @@ def wait_values(ioc, **changes):
 
 
 @pytest.fixture
-def pair_of(new_sim, new_ioc):
+def pair_of(new_plc, new_ioc):
     """A running PLC and a stale IOC that has synchronised with it."""
     def make(**kw):
-        sim = new_sim(PLC)
+        sim = new_plc(PLC)
         ioc = new_ioc(configure(sim.port, **kw), database(not kw.get("readback", True)))
         wait_synced(sim, ioc)
         wait_values(ioc)
@@ -138,9 +138,9 @@ def pair_of(new_sim, new_ioc):
 
 
 @pytest.mark.parametrize("readback", [True, False], ids=["readback=", "R="])
-def test_stale(new_sim, new_ioc, readback):
+def test_stale(new_plc, new_ioc, readback):
     """a stale IOC with PINI on every record changes not one byte of PLC memory ({id})"""
-    sim = new_sim(PLC)
+    sim = new_plc(PLC)
     assert memory(sim) == BYTES
     ioc = new_ioc(configure(sim.port, readback), database(not readback))
     wait_synced(sim, ioc)
@@ -309,9 +309,9 @@ def test_silent_plc(pair_of):
     assert memory(sim) == BYTES
 
 
-def test_watchdog(new_sim, new_ioc):
+def test_watchdog(new_plc, new_ioc):
     """an IOC that stands still: the PLC's watchdog clears SYNC, says so, and all begins anew"""
-    sim = new_sim(PLC, "-o", "watchdog=3 s")
+    sim = new_plc(PLC, "-o", "watchdog=3 s")
     ioc = new_ioc(configure(sim.port), database())
     wait_synced(sim, ioc)
     wait_values(ioc)
@@ -327,9 +327,9 @@ def test_watchdog(new_sim, new_ioc):
     assert speed(sim) == 55
 
 
-def test_heartbeat(new_sim, new_ioc):
+def test_heartbeat(new_plc, new_ioc):
     """with sync=on blocks go out without being asked for, and carry a counter"""
-    sim = new_sim(PLC)
+    sim = new_plc(PLC)
     ioc = new_ioc(configure(sim.port), database())
     wait_synced(sim, ioc)
     wait_heartbeats(sim, 4)
@@ -338,9 +338,9 @@ def test_heartbeat(new_sim, new_ioc):
     assert counters == [(counters[0] + i) % 256 for i in range(4)]
 
 
-def test_layout(new_sim, new_ioc):
+def test_layout(new_plc, new_ioc):
     """layouts that differ: nothing is sent, inputs and puts say why; then the right PLC comes"""
-    sim = new_sim(PLC)
+    sim = new_plc(PLC)
     ioc = new_ioc(configure(sim.port, layout=0x4321), database())
     line = ioc.wait_log("layout id")
     assert str(0x1234) in line and str(0x4321) in line
@@ -351,25 +351,25 @@ def test_layout(new_sim, new_ioc):
     assert ioc.log_count("layout id") == 1
 
 
-def test_layout_unchecked(new_sim, new_ioc):
+def test_layout_unchecked(new_plc, new_ioc):
     """a PLC without a layout id takes any IOC"""
-    sim = new_sim(PLC, "-o", "layout=0")
+    sim = new_plc(PLC, "-o", "layout=0")
     ioc = new_ioc(configure(sim.port, layout=0x4321), database())
     wait_synced(sim, ioc)
 
 
-def test_no_readback(new_sim, new_ioc):
+def test_no_readback(new_plc, new_ioc):
     """sync=on without a read-back: a warning per output, and why the PLC does not agree"""
-    sim = new_sim(PLC)
+    sim = new_plc(PLC)
     ioc = new_ioc(configure(sim.port, readback=False), database())
     assert ioc.log_count("with sync=on the PLC must show this output") == 5
     ioc.wait_log("sync: the PLC does not agree")
     assert memory(sim) == BYTES
 
 
-def test_header_offset(new_sim, new_ioc):
+def test_header_offset(new_plc, new_ioc):
     """an output in the header of the handshake is refused with what is allowed"""
-    sim = new_sim(PLC)
+    sim = new_plc(PLC)
     ioc = new_ioc(configure(sim.port),
                   'record(longout, "$(P)o") { field(DTYP, "S7plc") field(OUT, "@PLC/3 T=INT8") }')
     ioc.wait_log("bytes 0 to 3 are the header of the sync handshake; allowed: 4 and up")
@@ -383,9 +383,9 @@ def test_small_blocks(new_ioc):
     assert "both blocks begin with a header of 4 bytes" in ioc.log
 
 
-def test_second_ioc(new_sim, new_ioc):
+def test_second_ioc(new_plc, new_ioc):
     """a second IOC that takes the connection over begins without SYNC"""
-    sim = new_sim(PLC)
+    sim = new_plc(PLC)
     first = new_ioc(configure(sim.port), database())
     wait_synced(sim, first)
     first.put("Speed", 123)
@@ -403,9 +403,9 @@ def test_second_ioc(new_sim, new_ioc):
         os.kill(first.process.pid, signal.SIGCONT)
 
 
-def test_pair(new_sim, new_ioc):
+def test_pair(new_plc, new_ioc):
     """a redundant pair: a switch-over keeps every setpoint, and puts pass to the new PRIMARY"""
-    sim = new_sim(PLC, "-o", "role=pair", "-o", "address=127.0.0.2")
+    sim = new_plc(PLC, "-o", "role=pair", "-o", "address=127.0.0.2")
     ioc = new_ioc(f'phoenixplcConfigure("PLC", "127.0.0.2", {sim.port}, 32, 24, 1, 5000, 20, 1)\n'
                   "s7plcSetOption PLC sync on\ns7plcSetOption PLC readback 0\n", database(),
                   program="phoenixIoc")
