@@ -41,7 +41,7 @@ static int call(plcModbus *m, const plcRequest *q)
     }
 }
 
-static void countRequest(plcModbus *m, const plcExchange *x)
+static void countRequest(plcModbus *m, const plcModbusResult *x)
 {
     m->news.requests++;
     m->news.exceptions += x->exception != 0;
@@ -59,7 +59,7 @@ static void countRequest(plcModbus *m, const plcExchange *x)
  * the connection is lost, session.lost says why; `step` tells it. */
 static int askOnce(plcModbus *m, const plcRequest *q)
 {
-    plcExchange x;
+    plcModbusResult x;
     int status;
 
     if (!plcWorkerEnter(m))

@@ -1,5 +1,5 @@
-/* Inside of the worker of a Modbus PLC; only for plcModbus.c, plcModbusAsk.c,
- * plcModbusReads.c and plcModbusWrites.c.
+/* Inside of the worker of a Modbus PLC; only for plcModbus.c, plcModbusMailbox.c,
+ * plcModbusAsk.c, plcModbusReads.c and plcModbusWrites.c.
  *
  * The worker's thread alone uses `session` and calls libmodbus, never with the lock held.
  * What goes between it and the station's thread is in the structure under the lock. Each
@@ -99,7 +99,7 @@ static inline epicsUInt64 plcWorkerNext(epicsUInt64 due, epicsUInt64 period,
     return due > now ? due : due + period * ((now - due) / period + 1);
 }
 
-/* --- plcModbus.c: what the worker tells -------------------------------------------- */
+/* --- plcModbusMailbox.c: what the worker tells ------------------------------------- */
 
 /* Locks, if the session is still the one that counts. Returns 0 when it is not. */
 int plcWorkerEnter(plcModbus *m);

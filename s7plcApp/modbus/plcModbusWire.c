@@ -43,7 +43,7 @@ struct plcModbusWire {
     epicsMutexId lock; /* guards the rest. The thread alone changes socket */
     int socket, next;  /* in use; to be used from the next request on; -1: none */
     double timeout;    /* ms */
-    plcExchange last;
+    plcModbusResult last;
     char brokenWhy[PLC_REASON_SIZE]; /* "": it is not */
 };
 
@@ -197,7 +197,7 @@ void plcModbusWireTimeout(plcModbusWire *w, double timeout)
     epicsMutexUnlock(w->lock);
 }
 
-void plcModbusWireLast(plcModbusWire *w, plcExchange *exchange)
+void plcModbusWireLast(plcModbusWire *w, plcModbusResult *exchange)
 {
     epicsMutexMustLock(w->lock);
     *exchange = w->last;
@@ -214,10 +214,10 @@ int plcModbusWireBroken(plcModbusWire *w, char why[PLC_REASON_SIZE])
 
 /* --- One request, by the thread --------------------------------------------------- */
 
-static int lost(plcExchange *x, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
+static int lost(plcModbusResult *x, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
 
 /* Returns -1. */
-static int lost(plcExchange *x, const char *format, ...)
+static int lost(plcModbusResult *x, const char *format, ...)
 {
     va_list args;
 
@@ -228,7 +228,7 @@ static int lost(plcExchange *x, const char *format, ...)
     return -1;
 }
 
-static int lostBy(plcExchange *x, int error)
+static int lostBy(plcModbusResult *x, int error)
 {
     if (error == ECONNRESET || error == EPIPE)
         return lost(x, "connection reset by PLC");
@@ -237,7 +237,7 @@ static int lostBy(plcExchange *x, int error)
     return lost(x, "%s", strerror(error));
 }
 
-static int lostByTime(plcExchange *x, const char *what, double timeout)
+static int lostByTime(plcModbusResult *x, const char *what, double timeout)
 {
     x->timeout = 1;
     if (timeout < 1000)
@@ -263,7 +263,7 @@ static int await(int fd, short events, epicsUInt64 deadline)
 }
 
 static int sendFrame(plcModbusWire *w, const frame *q, epicsUInt64 deadline,
-                     double timeout, plcExchange *x)
+                     double timeout, plcModbusResult *x)
 {
     while (x->sent < q->size) {
         ssize_t n = send(w->socket, q->bytes + x->sent, q->size - x->sent, MSG_NOSIGNAL);
@@ -280,7 +280,7 @@ static int sendFrame(plcModbusWire *w, const frame *q, epicsUInt64 deadline,
 
 /* Receives up to `size` bytes of the answer in all. */
 static int receive(plcModbusWire *w, frame *a, size_t size, epicsUInt64 deadline,
-                   double timeout, plcExchange *x)
+                   double timeout, plcModbusResult *x)
 {
     while (a->size < size) {
         ssize_t n = recv(w->socket, a->bytes + a->size, size - a->size, MSG_DONTWAIT);
@@ -303,7 +303,7 @@ static int receive(plcModbusWire *w, frame *a, size_t size, epicsUInt64 deadline
 
 /* Is this the header of an answer to the request? */
 static int checkHeader(const plcModbusWire *w, const frame *q, const frame *a,
-                       plcExchange *x)
+                       plcModbusResult *x)
 {
     unsigned function = a->bytes[functionAt] & 0x7f, length = number(a->bytes + lengthAt);
 
@@ -341,7 +341,7 @@ static unsigned expectedLength(const frame *q)
 }
 
 /* The whole answer is there, its header is good. */
-static int checkAnswer(const frame *q, const frame *a, plcExchange *x)
+static int checkAnswer(const frame *q, const frame *a, plcModbusResult *x)
 {
     unsigned length = number(a->bytes + lengthAt);
     unsigned expected = a->bytes[functionAt] & 0x80 ? 3 : expectedLength(q);
@@ -363,7 +363,7 @@ static int checkAnswer(const frame *q, const frame *a, plcExchange *x)
 }
 
 /* Nothing may be there before the request is. */
-static int checkQuiet(plcModbusWire *w, plcExchange *x)
+static int checkQuiet(plcModbusWire *w, plcModbusResult *x)
 {
     char byte;
     ssize_t n;
@@ -379,7 +379,7 @@ static int checkQuiet(plcModbusWire *w, plcExchange *x)
 }
 
 /* Request out, answer in. Returns 0 with a good answer (exceptions are), or -1. */
-static int exchange(plcModbusWire *w, frame *q, frame *a, double timeout, plcExchange *x)
+static int exchange(plcModbusWire *w, frame *q, frame *a, double timeout, plcModbusResult *x)
 {
     epicsUInt64 begin = epicsMonotonicGet();
     epicsUInt64 deadline = begin + (epicsUInt64)(timeout * 1e6);
@@ -432,7 +432,7 @@ static void makeRefusal(const frame *q, frame *a)
 
 static void answer(plcModbusWire *w, frame *q)
 {
-    plcExchange x = {.lost = 0};
+    plcModbusResult x = {.lost = 0};
     frame a = {.size = 0};
     double timeout;
 
@@ -456,7 +456,7 @@ static void answer(plcModbusWire *w, frame *q)
 /* Something happens at the PLC's socket, and nobody has asked. */
 static void breakWire(plcModbusWire *w)
 {
-    plcExchange x = {.lost = 0};
+    plcModbusResult x = {.lost = 0};
     int tell;
 
     if (checkQuiet(w, &x) == 0)

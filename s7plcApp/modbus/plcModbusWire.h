@@ -25,14 +25,14 @@
 typedef struct plcModbusWire plcModbusWire;
 
 /* How a request ended. */
-typedef struct plcExchange {
+typedef struct plcModbusResult {
     int lost;                  /* the socket is of no use any more, because: */
     char why[PLC_REASON_SIZE];
     int timeout;               /* it is lost because the answer was late */
     int exception;             /* code of the PLC's answer; 0: none */
     unsigned sent, received;   /* bytes */
     double latency;            /* ms from the request to the whole answer; 0: none came */
-} plcExchange;
+} plcModbusResult;
 
 /* Takes a descriptor below FD_SETSIZE for itself for good: call it early. `broken` is
  * called by the wire's thread when the socket ends while no request is under way. */
@@ -53,7 +53,7 @@ modbus_t *plcModbusWireContext(plcModbusWire *wire);
 void plcModbusWireTimeout(plcModbusWire *wire, double timeout);
 
 /* How the last request ended. */
-void plcModbusWireLast(plcModbusWire *wire, plcExchange *exchange);
+void plcModbusWireLast(plcModbusWire *wire, plcModbusResult *exchange);
 
 /* Returns 1 and why when the socket ended while no request was under way, else 0. */
 int plcModbusWireBroken(plcModbusWire *wire, char why[PLC_REASON_SIZE]);
