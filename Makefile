@@ -73,12 +73,13 @@ else
   include $(TOP)/configure/CONFIG
 
   DIRS += configure
-  DIRS += s7plcApp phoenixRedundApp plcSim tests iocBoot
+  DIRS += s7plcApp phoenixRedundApp plcSim tests iocBoot docs
   s7plcApp_DEPEND_DIRS = configure
   phoenixRedundApp_DEPEND_DIRS = s7plcApp
   plcSim_DEPEND_DIRS = configure
   tests_DEPEND_DIRS = s7plcApp phoenixRedundApp plcSim
   iocBoot_DEPEND_DIRS = s7plcApp phoenixRedundApp
+  docs_DEPEND_DIRS = configure
 
   include $(TOP)/configure/RULES_TOP
 endif

@@ -67,7 +67,7 @@ def test_named(tmp_path, place):
         with open(tree / place.format(arch=ARCH), "a") as file:
             file.write(f"EPICS_BASE = {BASE}\n")
     (tree / "Makefile").write_text((tree / "Makefile").read_text().replace(
-        "DIRS += s7plcApp phoenixRedundApp plcSim tests iocBoot\n", ""))
+        "DIRS += s7plcApp phoenixRedundApp plcSim tests iocBoot docs\n", ""))
     run = make(tree, "-s", **env)
     assert run.returncode == 0, run.stderr
     assert (tree / f"configure/O.{ARCH}/MODBUS").exists()
@@ -99,3 +99,18 @@ def test_without_modbus(tmp_path):
         f"s7plcModbus left out for {ARCH} (PLCs over Modbus/TCP): libmodbus is not there "
         "(Debian: libmodbus-dev)"], run.stdout
     assert "modbus" not in (tree / "dbd/s7plcIoc.dbd").read_text()
+
+
+def test_install_location(tmp_path):
+    """with INSTALL_LOCATION the documents and examples are there, and an example starts"""
+    there = tmp_path / "there"
+    run = make(TOP, "-s", "-j2", f"INSTALL_LOCATION={there}")
+    assert run.returncode == 0, run.stderr
+    assert (there / "docs/records.md").exists() and (there / "db/s7plcStation.db").exists()
+    directory = there / "iocBoot/iocS7plc"
+    text = (directory / "st.cmd").read_text().replace("iocInit\n", "iocInit\ns7plcReport\nexit\n")
+    (directory / "st.cmd").write_text(text)
+    out = subprocess.run([there / f"bin/{ARCH}/s7plcIoc", "st.cmd"], cwd=directory, text=True,
+                         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=60,
+                         env={**os.environ, "PLC_PORT": "1"}).stdout
+    assert "PLC1 127.0.0.1:1" in out and "Can't open" not in out, out
