@@ -1,6 +1,7 @@
 /* A pair in real life: a station's thread, two PLCs on loopback, and everything that can
  * happen to them, one after the other. What leads to which decision is in roleTest.c.
  */
+#include <arpa/inet.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -300,9 +301,37 @@ static void configure(void)
            "a pair exists for each of the good ones with redundancy=1, and no other");
 }
 
+/* A put with a read-back belongs to the pair, not to the PLC that has shown it. */
+static void readBack(int track)
+{
+    epicsUInt32 held;
+
+    testDiag("Puts with a read-back, track=%s", track ? "on" : "off");
+    beginWorld(track ? "PLC-T" : "PLC-R", 8);
+    pairWorldReadback(&w, track);
+    pairPeerSend(w.plc[0], 1);
+    waitFor(w.who == 1);
+    pairWorldPut(&w, 301);
+    testOk(waitFor(w.mirror == 301), "FIRST shows a put");
+    pairPeerSend(w.plc[0], 0);
+    pairPeerSend(w.plc[1], 1);
+    testOk(waitFor(pairPeerCount(w.plc[1], 301) == 1), "SECOND gets it when it leads");
+    testOk(waitFor(w.who == 2 && w.mirror == 301), "and shows it");
+    pairPeerPull(w.plc[1], 1);
+    pairWorldPut(&w, 302);
+    pairPeerSend(w.plc[0], 1);
+    testOk(waitFor(pairPeerCount(w.plc[0], 302) == 1),
+           "FIRST gets what was put while SECOND hung");
+    testOk(waitFor(w.who == 1 && w.mirror == 302) && !w.gap, "and shows it");
+    plcImagePeek(plcStationOutput(w.station), 0, 4, &held);
+    testOk(held == htonl(302), "the output holds it");
+    pairPeerPull(w.plc[1], 0);
+    pairWorldEnd(&w);
+}
+
 MAIN(pairTest)
 {
-    testPlan(67);
+    testPlan(67 + 2 * 6);
     configure();
     plcStationsDestroy();
     start();
@@ -318,5 +347,7 @@ MAIN(pairTest)
     pairWorldEnd(&w);
     reach();
     pairWorldEnd(&w);
+    readBack(0);
+    readBack(1);
     return testDone();
 }

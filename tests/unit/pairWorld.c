@@ -83,12 +83,23 @@ int pairWorldLook(pairWorld *w)
     return 1;
 }
 
+void pairWorldReadback(pairWorld *w, int track)
+{
+    char error[200];
+
+    w->follows = 1;
+    plcStationAddReadback(w->station, w, 0, 8, 4, NULL);
+    if (plcStationSetOption(w->station, "track", track ? "on" : "off", error, sizeof(error)))
+        testAbort("%s", error);
+}
+
 void pairWorldPut(pairWorld *w, epicsUInt32 word)
 {
     char reason[PLC_REASON_SIZE];
 
     word = htonl(word);
-    plcStationWrite(w->station, 0, sizeof(word), &word, NULL, reason);
+    (w->follows ? plcStationWriteFollower : plcStationWrite)(w->station, 0, sizeof(word), &word,
+                                                             NULL, reason);
 }
 
 pairPeerSeen pairWorldSeen(pairWorld *w, int which)

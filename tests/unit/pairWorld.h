@@ -10,6 +10,7 @@ typedef struct pairWorld {
     plcStation *station;
     phoenixPair *pair;
     pairPeer *plc[PLC_LINKS_MAX];
+    int follows; /* the word has a read-back, its mirror */
     int gap; /* data was seen to be not valid, though it had been */
     int valid;
     phoenixStatus now; /* as of the last look */
@@ -29,6 +30,9 @@ void pairWorldEnd(pairWorld *world);
 /* Looks at everything, fills in the structure. Returns 1, so that it can stand in a
  * condition. */
 int pairWorldLook(pairWorld *world);
+
+/* From now on the word that is put has a read-back; track: the option. */
+void pairWorldReadback(pairWorld *world, int track);
 
 /* A put of this word to the start of the output block. */
 void pairWorldPut(pairWorld *world, epicsUInt32 word);

@@ -37,6 +37,7 @@ struct plcImage {
     int dirty;      /* atomic; changed while the lock is held */
     epicsMutexId lock; /* guards the rest */
     int closed;                   /* writes are refused */
+    size_t takes;                 /* how often the output was taken */
     char reason[PLC_REASON_SIZE]; /* "" when valid */
     epicsUInt8 *changed; /* bits written since the last take; NULL: not tracked */
     epicsUInt8 *ours;    /* bits ever written, and not set since */
@@ -249,12 +250,13 @@ static void unmark(plcImage *image, size_t offset, size_t length, const epicsUIn
     }
 }
 
-int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src,
-                  const void *mask)
+int plcImageWriteCounted(plcImage *image, size_t offset, size_t length, const void *src,
+                         const void *mask, size_t *takes)
 {
     int first;
 
     epicsMutexMustLock(image->lock);
+    *takes = image->takes;
     if (image->closed) {
         epicsMutexUnlock(image->lock);
         return -1;
@@ -266,6 +268,24 @@ int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src
     setDirty(image, 1);
     epicsMutexUnlock(image->lock);
     return first;
+}
+
+int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src,
+                  const void *mask)
+{
+    size_t takes;
+
+    return plcImageWriteCounted(image, offset, length, src, mask, &takes);
+}
+
+size_t plcImageTakes(plcImage *image)
+{
+    size_t takes;
+
+    epicsMutexMustLock(image->lock);
+    takes = image->takes;
+    epicsMutexUnlock(image->lock);
+    return takes;
 }
 
 void plcImageClose(plcImage *image, int closed)
@@ -319,6 +339,7 @@ void plcImageTake(plcImage *image, void *dst)
     if (image->size)
         memcpy(dst, bytesOf(image), image->size);
     forget(image);
+    image->takes++;
     epicsMutexUnlock(image->lock);
 }
 
@@ -360,6 +381,7 @@ void plcImageTakeChanges(plcImage *image, void *dst, void *mask)
             memset(mask, 0, image->size);
     }
     forget(image);
+    image->takes++;
     epicsMutexUnlock(image->lock);
 }
 

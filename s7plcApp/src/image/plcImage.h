@@ -53,6 +53,14 @@ void plcImageInvalidate(plcImage *image, const char *reason);
 int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src,
                   const void *mask);
 
+/* The same; *takes is how often the image had been taken just before this write, so that it
+ * leaves with a later take. */
+int plcImageWriteCounted(plcImage *image, size_t offset, size_t length, const void *src,
+                         const void *mask, size_t *takes);
+
+/* How often the image was taken. */
+size_t plcImageTakes(plcImage *image);
+
 /* Closes the image for writes, or opens it: no write is under way when this returns. */
 void plcImageClose(plcImage *image, int closed);
 

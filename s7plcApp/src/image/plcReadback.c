@@ -10,23 +10,39 @@
 #include "plcHot.h"
 #include "plcReadback.h"
 
+/* Values of one place that may be under way at once; with more only patience tells. */
+#define UNDER_WAY 8
+
 typedef struct place {
     ELLNODE node;
     const void *key;
     size_t out, in, length;
     int masked;
     epicsUInt8 mask[PLC_MASK_MAX];
-    /* tracking */
-    int known;              /* ours is what the image held at the last look */
-    epicsUInt64 pending;    /* when a write of ours was seen, 0: none on its way */
-    epicsUInt8 *ours;
-    epicsUInt8 *now;        /* room to look at the image */
+    int taken;         /* it has taken the PLC's value, or was put to, since it was added */
+    epicsUInt8 *ours;  /* what the image held at the last look, put or take */
+    epicsUInt8 *shown; /* what the PLC showed last, while `seen` */
+    int seen;
+    epicsUInt8 *now;   /* room to look at the image */
+    /* a put that the PLC has not shown yet */
+    int waits;
+    epicsUInt64 since; /* when it was made; once it has left: when it had */
+    int left;
+    size_t takes;      /* of the image, before the put */
+    int pushed;        /* it has made the last of: */
+    int many;          /* (more are under way than there is room for) */
+    unsigned count;    /* digests of what the PLC showed before, and of what left since; */
+    unsigned reached;  /* it has shown so many of them for sure */
+    epicsUInt64 values[UNDER_WAY];
 } place;
 
 struct plcReadback {
     epicsMutexId lock; /* guards the list and all places */
     ELLLIST places;
-    int count; /* atomic: how many there are */
+    int count;   /* atomic: how many there are */
+    int fresh;   /* atomic: how many have taken no value yet */
+    int noting;  /* atomic: puts are noted */
+    int waiting; /* how many wait */
 };
 
 plcReadback *plcReadbackCreate(void)
@@ -41,8 +57,24 @@ plcReadback *plcReadbackCreate(void)
 static void freePlace(place *p)
 {
     free(p->ours);
+    free(p->shown);
     free(p->now);
     free(p);
+}
+
+/* The lock is held. */
+static void setWaits(plcReadback *r, place *p, int waits)
+{
+    r->waiting += waits - p->waits;
+    p->waits = waits;
+}
+
+/* The same. */
+static void setTaken(plcReadback *r, place *p)
+{
+    if (!p->taken)
+        epicsAtomicDecrIntT(&r->fresh);
+    p->taken = 1;
 }
 
 void plcReadbackDestroy(plcReadback *r)
@@ -66,6 +98,8 @@ void plcReadbackRemove(plcReadback *r, const void *key)
     if (p) {
         ellDelete(&r->places, &p->node);
         epicsAtomicDecrIntT(&r->count);
+        setTaken(r, p);
+        setWaits(r, p, 0);
         freePlace(p);
     }
     epicsMutexUnlock(r->lock);
@@ -84,10 +118,12 @@ void plcReadbackAdd(plcReadback *r, const void *key, size_t out, size_t in, size
     if (mask)
         memcpy(p->mask, mask, length);
     p->ours = callocMustSucceed(1, length + 1, "plcReadbackAdd");
+    p->shown = callocMustSucceed(1, length + 1, "plcReadbackAdd");
     p->now = callocMustSucceed(1, length + 1, "plcReadbackAdd");
     epicsMutexMustLock(r->lock);
     ellAdd(&r->places, &p->node);
     epicsAtomicIncrIntT(&r->count);
+    epicsAtomicIncrIntT(&r->fresh);
     epicsMutexUnlock(r->lock);
 }
 
@@ -123,12 +159,24 @@ int plcReadbackSame(plcReadback *r, const void *block, plcImage *out)
     return same;
 }
 
-/* The image holds the PLC's value at this place from now on. */
-static void taken(place *p, plcImage *out)
+/* The PLC shows this. The lock is held, here and below. */
+static void show(place *p, const epicsUInt8 *shown)
 {
+    memcpy(p->shown, shown, p->length);
+    p->seen = 1;
+}
+
+/* The image holds the PLC's value at this place from now on. */
+static unsigned take(plcReadback *r, place *p, const epicsUInt8 *shown, plcImage *out)
+{
+    int changed = plcImageSet(out, p->out, p->length, shown, p->masked ? p->mask : NULL,
+                              NULL);
+
     plcImagePeek(out, p->out, p->length, p->ours);
-    p->known = 1;
-    p->pending = 0;
+    show(p, shown);
+    setTaken(r, p);
+    setWaits(r, p, 0);
+    return (unsigned)changed;
 }
 
 unsigned plcReadbackTake(plcReadback *r, const void *block, plcImage *out)
@@ -137,47 +185,228 @@ unsigned plcReadbackTake(plcReadback *r, const void *block, plcImage *out)
     place *p;
 
     epicsMutexMustLock(r->lock);
-    for (p = (place *)ellFirst(&r->places); p; p = (place *)ellNext(&p->node)) {
-        changed += plcImageSet(out, p->out, p->length, (const epicsUInt8 *)block + p->in,
-                               p->masked ? p->mask : NULL, NULL);
-        taken(p, out);
-    }
+    for (p = (place *)ellFirst(&r->places); p; p = (place *)ellNext(&p->node))
+        changed += take(r, p, (const epicsUInt8 *)block + p->in, out);
     epicsMutexUnlock(r->lock);
     return changed;
 }
 
-/* Returns 1 when the place took the PLC's value. */
-static int trackPlace(place *p, const epicsUInt8 *shown, plcImage *out, epicsUInt64 now,
-                      epicsUInt64 patience)
+unsigned plcReadbackTakeNew(plcReadback *r, const void *block, plcImage *out)
 {
+    unsigned count = 0;
+    place *p;
+
+    if (!epicsAtomicGetIntT(&r->fresh))
+        return 0;
+    epicsMutexMustLock(r->lock);
+    for (p = (place *)ellFirst(&r->places); p; p = (place *)ellNext(&p->node))
+        if (!p->taken) {
+            take(r, p, (const epicsUInt8 *)block + p->in, out);
+            count++;
+        }
+    epicsMutexUnlock(r->lock);
+    return count;
+}
+
+/* --- Tracking ---------------------------------------------------------------------- */
+
+/* Stands for the bits of the place that count: FNV-1a. */
+static epicsUInt64 digest(const place *p, const epicsUInt8 *bytes)
+{
+    epicsUInt64 sum = 0xCBF29CE484222325ull;
+    size_t i;
+
+    for (i = 0; i < p->length; i++) {
+        sum ^= p->masked ? bytes[i] & p->mask[i] : bytes[i];
+        sum *= 0x100000001B3ull;
+    }
+    return sum;
+}
+
+/* p->ours is under way to the PLC, behind what is already. */
+static void push(place *p)
+{
+    epicsUInt64 value = digest(p, p->ours);
+
+    p->pushed = 0;
+    if (p->count && p->values[p->count - 1] == value)
+        return;
+    p->pushed = p->count < UNDER_WAY;
+    if (p->pushed)
+        p->values[p->count++] = value;
+    else
+        p->many = 1;
+}
+
+/* A put has changed p->ours. What was put before and has not left never will. */
+static void noteWrite(plcReadback *r, place *p, size_t takes, epicsUInt64 now)
+{
+    if (!p->waits) {
+        p->count = 0;
+        p->many = 0;
+        if (p->seen)
+            p->values[p->count++] = digest(p, p->shown);
+        p->reached = p->count;
+    } else if (p->pushed && p->takes == takes && p->count > p->reached) {
+        p->count--;
+    }
+    push(p);
+    p->takes = takes;
+    p->since = now;
+    p->left = 0;
+    setTaken(r, p);
+    setWaits(r, p, 1);
+}
+
+/* True when the bytes written, only the bits in mask, are bits of the place. */
+static int touches(const place *p, size_t offset, size_t length, const epicsUInt8 *mask)
+{
+    size_t i, first = offset > p->out ? offset : p->out;
+    size_t end = offset + length < p->out + p->length ? offset + length : p->out + p->length;
+
+    if (first >= end)
+        return 0;
+    for (i = first; i < end; i++)
+        if ((p->masked ? p->mask[i - p->out] : 0xFF) & (mask ? mask[i - offset] : 0xFF))
+            return 1;
+    return 0;
+}
+
+void plcReadbackNote(plcReadback *r, int on)
+{
+    epicsAtomicSetIntT(&r->noting, on);
+}
+
+/* The lock is held. */
+static void noteAll(plcReadback *r, plcImage *out, size_t offset, size_t length,
+                    const void *mask, size_t takes, epicsUInt64 now)
+{
+    place *p;
+
+    for (p = (place *)ellFirst(&r->places); p; p = (place *)ellNext(&p->node))
+        if (touches(p, offset, length, mask)) {
+            plcImagePeek(out, p->out, p->length, p->ours);
+            noteWrite(r, p, takes, now);
+        }
+}
+
+static int takesNotes(plcReadback *r)
+{
+    return epicsAtomicGetIntT(&r->noting) || epicsAtomicGetIntT(&r->fresh);
+}
+
+/* No block is judged between the write and the note: the lock is held. */
+int plcReadbackWrite(plcReadback *r, plcImage *out, size_t offset, size_t length,
+                     const void *src, const void *mask, size_t *takes, epicsUInt64 now)
+{
+    int status;
+
+    if (!takesNotes(r))
+        return plcImageWriteCounted(out, offset, length, src, mask, takes);
+    epicsMutexMustLock(r->lock);
+    status = plcImageWriteCounted(out, offset, length, src, mask, takes);
+    if (status >= 0)
+        noteAll(r, out, offset, length, mask, *takes, now);
+    epicsMutexUnlock(r->lock);
+    return status;
+}
+
+void plcReadbackWrote(plcReadback *r, plcImage *out, size_t offset, size_t length,
+                      const void *mask, size_t takes, epicsUInt64 now)
+{
+    if (!takesNotes(r))
+        return;
+    epicsMutexMustLock(r->lock);
+    noteAll(r, out, offset, length, mask, takes, now);
+    epicsMutexUnlock(r->lock);
+}
+
+void plcReadbackWait(plcReadback *r, plcImage *out, epicsUInt64 now, int leaves)
+{
+    size_t takes = plcImageTakes(out);
+    place *p;
+
+    epicsMutexMustLock(r->lock);
+    for (p = (place *)ellFirst(&r->places); p; p = (place *)ellNext(&p->node)) {
+        p->seen = 0; /* what it has shown does not count any more */
+        setWaits(r, p, 0);
+        plcImagePeek(out, p->out, p->length, p->ours);
+        noteWrite(r, p, takes, now);
+        p->left = !leaves;
+    }
+    epicsMutexUnlock(r->lock);
+}
+
+unsigned plcReadbackWaiting(plcReadback *r)
+{
+    unsigned waiting;
+
+    epicsMutexMustLock(r->lock);
+    waiting = (unsigned)r->waiting;
+    epicsMutexUnlock(r->lock);
+    return waiting;
+}
+
+/* How far the PLC is for sure in the row of values under way. */
+static void advance(place *p, const epicsUInt8 *shown)
+{
+    epicsUInt64 value = digest(p, shown);
+    unsigned i = p->reached ? p->reached - 1 : 0;
+
+    while (i < p->count && p->values[i] != value)
+        i++;
+    if (i < p->count)
+        p->reached = i + 1;
+}
+
+/* True when the PLC has had time enough since the put has left. */
+static int isOver(place *p, size_t takes, epicsUInt64 now, epicsUInt64 patience, int through)
+{
+    if (!p->left && through && takes != p->takes) {
+        p->left = 1;
+        p->since = now;
+    }
+    return p->left && now > p->since && now - p->since >= patience;
+}
+
+/* Returns 1 when the place took the PLC's value. */
+static unsigned trackPlace(plcReadback *r, place *p, const epicsUInt8 *shown, plcImage *out,
+                           size_t takes, epicsUInt64 now, epicsUInt64 patience, int through)
+{
+    int same;
+
     plcImagePeek(out, p->out, p->length, p->now);
-    if (!p->known || !equal(p, p->now, p->ours)) {
-        p->pending = now;
-        p->known = 1;
-        memcpy(p->ours, p->now, p->length);
+    if (p->taken && !equal(p, p->now, p->ours)) { /* a place that overlaps took something, */
+        memcpy(p->ours, p->now, p->length);       /* or a note is about to come */
+        if (!p->waits) {
+            noteWrite(r, p, takes, now);
+            p->left = 1;
+        }
     }
-    if (equal(p, p->now, shown)) {
-        p->pending = 0;
-        return 0;
+    same = equal(p, p->now, shown);
+    if (p->waits) {
+        advance(p, shown);
+        if ((same && p->reached == p->count && !p->many) ||
+            isOver(p, takes, now, patience, through))
+            setWaits(r, p, 0);
     }
-    if (p->pending && now - p->pending < patience)
+    show(p, shown);
+    if (same || p->waits)
         return 0;
-    /* Not when a put came in this very moment: the next block will see it. */
-    if (!plcImageSet(out, p->out, p->length, shown, p->masked ? p->mask : NULL, p->now))
-        return 0;
-    taken(p, out);
-    return 1;
+    return take(r, p, shown, out);
 }
 
 unsigned plcReadbackTrack(plcReadback *r, const void *block, plcImage *out,
-                          epicsUInt64 now, epicsUInt64 patience)
+                          epicsUInt64 now, epicsUInt64 patience, int through)
 {
+    size_t takes = plcImageTakes(out);
     unsigned changed = 0;
     place *p;
 
     epicsMutexMustLock(r->lock);
     for (p = (place *)ellFirst(&r->places); p; p = (place *)ellNext(&p->node))
-        changed += trackPlace(p, (const epicsUInt8 *)block + p->in, out, now, patience);
+        changed += trackPlace(r, p, (const epicsUInt8 *)block + p->in, out, takes, now,
+                              patience, through);
     epicsMutexUnlock(r->lock);
     return changed;
 }

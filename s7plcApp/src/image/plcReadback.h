@@ -37,10 +37,41 @@ int plcReadbackSame(plcReadback *readback, const void *block, plcImage *out);
  * changed by it. */
 unsigned plcReadbackTake(plcReadback *readback, const void *block, plcImage *out);
 
-/* The same, but only for places where the difference is not a write of ours that is still
- * on its way: such a place waits until the PLC shows our value, or `patience` ns. Called
- * with every block; `now` is monotonic, ns. */
+/* The same, but only for the places that were added since the last plcReadbackTake, and that
+ * nobody has put to meanwhile. Returns their number. */
+unsigned plcReadbackTakeNew(plcReadback *readback, const void *block, plcImage *out);
+
+/* --- Tracking: the image follows what the PLC shows from block to block -------------------
+ *
+ * After a put a place waits: it is left alone until the PLC has shown what was put, or for
+ * `patience`. Each value that was put and has left may still be shown later, in its order;
+ * so a place that shows our value is only done when it has shown what was put before. */
+
+/* From now on (on = 1) puts are noted: before tracking begins. Any thread. */
+void plcReadbackNote(plcReadback *readback, int on);
+
+/* plcImageWriteCounted into the output image, and a note for the places that it touches.
+ * `now` is monotonic, ns. Any thread. */
+int plcReadbackWrite(plcReadback *readback, plcImage *out, size_t offset, size_t length,
+                     const void *src, const void *mask, size_t *takes, epicsUInt64 now);
+
+/* The note alone, for a second list: those bits of the image were written just now, after it
+ * had been taken `takes` times. */
+void plcReadbackWrote(plcReadback *readback, plcImage *out, size_t offset, size_t length,
+                      const void *mask, size_t takes, epicsUInt64 now);
+
+/* All places wait, as if what the image holds had been put now. leaves = 1: it is about to
+ * leave (to another PLC); 0: it has left, nobody knows when. */
+void plcReadbackWait(plcReadback *readback, plcImage *out, epicsUInt64 now, int leaves);
+
+/* The number of places that wait. */
+unsigned plcReadbackWaiting(plcReadback *readback);
+
+/* What this block shows goes into the output image where no place waits. Called with every
+ * block; now and patience in ns. `through`: all that was taken from the image so far has
+ * reached the PLC. Patience begins when the put has left. Returns the number of places that
+ * changed. */
 unsigned plcReadbackTrack(plcReadback *readback, const void *block, plcImage *out,
-                          epicsUInt64 now, epicsUInt64 patience);
+                          epicsUInt64 now, epicsUInt64 patience, int through);
 
 #endif /* INC_plcReadback_H */

@@ -231,7 +231,9 @@ static void outputsTake(plcStation *s, const char *shown)
     plcImageOwe(s->out, shown, whole);
     free(whole);
     s->dirtySince = 0;
+    epicsAtomicIncrIntT(&s->takes);
     epicsAtomicSetIntT(&s->taken, 1);
+    plcInputHeld(s);
     plcInputFollow(s, places);
 }
 
@@ -248,7 +250,8 @@ static void lookAtOutputs(plcStation *s, epicsUInt64 now)
     if (x->shown && first) {
         outputsTake(s, x->output);
     } else if (x->shown && s->now.track) {
-        places = plcReadbackTrack(x->tracked, x->output, s->out, now, patience);
+        places = plcReadbackTrack(x->tracked, x->output, s->out, now, patience,
+                                  !x->ordered);
         if (places)
             plcInputFollow(s, places);
     } else if (x->unread && first && !plcReadbackCount(s->readback)) {

@@ -360,7 +360,9 @@ void plcStationGate(plcStation *s)
 static int writeOutput(plcStation *s, size_t offset, size_t length, const void *data,
                        const void *mask, char reason[PLC_REASON_SIZE], int follows)
 {
-    int status = plcImageWrite(s->out, offset, length, data, mask);
+    epicsUInt64 now = epicsMonotonicGet();
+    size_t takes;
+    int status = plcReadbackWrite(s->readback, s->out, offset, length, data, mask, &takes, now);
 
     reason[0] = 0;
     if (status < 0) {
@@ -370,11 +372,13 @@ static int writeOutput(plcStation *s, size_t offset, size_t length, const void *
         epicsMutexUnlock(s->lock);
         return -1;
     }
-    if (!follows)
-        epicsAtomicSetIntT(&s->written, 1);
+    if (s->exchange)
+        plcReadbackWrote(s->exchange->tracked, s->out, offset, length, mask, takes, now);
+    epicsAtomicSetIntT(follows ? &s->followed : &s->written, 1);
     if (status > 0)
         plcStationWake(s);
-    plcStationOutputConnected(s, reason);
+    if (plcStationOutputConnected(s, reason) && !follows && plcStationHeld(s))
+        epicsSnprintf(reason, PLC_REASON_SIZE, "%s", plcHeldReason);
     return 0;
 }
 
@@ -469,6 +473,24 @@ int plcStationWriteFollower(plcStation *s, size_t offset, size_t length, const v
                             const void *mask, char reason[PLC_REASON_SIZE])
 {
     return writeOutput(s, offset, length, data, mask, reason, 1);
+}
+
+int plcStationTakes(plcStation *s)
+{
+    return epicsAtomicGetIntT(&s->takes);
+}
+
+const char plcHeldReason[] = "waits for the PLC's first block";
+
+int plcStationHeld(plcStation *s)
+{
+    return epicsAtomicGetIntT(&s->waitsFirst);
+}
+
+void plcStationTell(plcStation *s)
+{
+    epicsAtomicSetIntT(&s->tell, 1);
+    plcStationWake(s);
 }
 
 /* Fills reason (unless NULL) with why, which is guarded by the lock, unless it is fine. */

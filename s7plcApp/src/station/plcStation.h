@@ -153,9 +153,21 @@ long plcStationMirror(plcStation *station);
 /* True when the output image holds what the PLC has shown, not only what was written. */
 int plcStationTaken(plcStation *station);
 
-/* follow(station) is called in a callback thread after the PLC came back, after outputs took
- * values from it, and after it refused or took a value that it had refused. */
+/* How often that began: on each connection once. */
+int plcStationTakes(plcStation *station);
+
+/* True while no output leaves although the PLC is connected: on this connection it has not
+ * shown yet the values of outputs with a read-back, or its layout id. */
+int plcStationHeld(plcStation *station);
+extern const char plcHeldReason[]; /* the same in words, for AMSG */
+
+/* follow(station) is called in a callback thread after the PLC came or went, after outputs
+ * took values from it, after it refused or took a value that it had refused, and when there
+ * is another reason why there is no data. */
 void plcStationOnTake(plcStation *station, void (*follow)(plcStation *station));
+
+/* Asks for such a call. */
+void plcStationTell(plcStation *station);
 
 /* 1 while TCP to the PLC is up; of a pair: to the one that leads, and in a switch-over
  * while the data is still valid. *reason (may be NULL) says why not. */

@@ -20,19 +20,57 @@
 /* So long a PLC may refuse before we say what may be wrong, ms. */
 #define SYNC_DOUBT_MS 5000
 
-/* Output records are told in a callback that the PLC is back, or that outputs took a
- * value from it. Not while iocInit initialises them: it is made up for when the IOC runs.
- */
+/* So long after its queue was full the callback is asked for again, ms. */
+#define AGAIN_MS 50
+
+/* Records are told in a callback. Not while iocInit initialises them: it is made up for when
+ * the IOC runs. */
+static void askFollow(plcStation *s)
+{
+    s->followAgain = 0;
+    if (!epicsAtomicGetIntT(&s->running) || !s->follow ||
+        epicsAtomicCmpAndSwapIntT(&s->following, 0, 1))
+        return;
+    if (callbackRequest(&s->followCallback)) {
+        epicsAtomicSetIntT(&s->following, 0);
+        s->followAgain = epicsMonotonicGet() + plcMsToNs(AGAIN_MS);
+    }
+}
+
 void plcInputFollow(plcStation *s, unsigned places)
 {
     epicsMutexMustLock(s->lock);
     s->stats.readbacks += places;
     epicsMutexUnlock(s->lock);
-    if (epicsAtomicGetIntT(&s->running) && s->follow &&
-        epicsAtomicCmpAndSwapIntT(&s->following, 0, 1) == 0 &&
-        callbackRequest(&s->followCallback))
-        epicsAtomicSetIntT(&s->following, 0);
+    askFollow(s);
     plcStationChanged(s);
+}
+
+PLC_HOT void plcInputFollowStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
+{
+    if (epicsAtomicCmpAndSwapIntT(&s->tell, 1, 0) || (s->followAgain && now >= s->followAgain))
+        askFollow(s);
+    if (s->followAgain)
+        plcEarlier(wake, s->followAgain);
+}
+
+/* The registers of Modbus are read on each connection, blocks or not. */
+void plcInputHeld(plcStation *s)
+{
+    int before = epicsAtomicGetIntT(&s->waitsFirst), held;
+
+    if (s->now.sync)
+        held = 0; /* puts are refused */
+    else if (s->exchange)
+        held = !epicsAtomicGetIntT(&s->taken);
+    else
+        held = (s->now.layoutAt >= 0 && s->layoutState == plcLayoutUnknown) ||
+               (plcReadbackCount(s->readback) && !epicsAtomicGetIntT(&s->taken));
+    if (held == before)
+        return;
+    epicsAtomicSetIntT(&s->waitsFirst, held);
+    if (!held)
+        plcInputFollow(s, 0);
 }
 
 /* For record threads: outputs go somewhere, or soon will. While the data of a pair is
@@ -43,6 +81,7 @@ void plcInputSetLeads(plcStation *s)
     int connected = s->leader >= 0 || (plcStationIsPair(s) && s->valid);
     int leads = connected;
 
+    plcInputHeld(s);
     if (plcStationHasOutLine(s))
         leads = s->lines[s->exchange->line].connection.state == plcConnectionUp;
     epicsAtomicSetIntT(&s->connected, connected);
@@ -113,7 +152,9 @@ static int layoutAgrees(plcStation *s, const char *block)
 PLC_COLD void plcInputInvalidate(plcStation *s, int state, const char *reason)
 {
     int lost = s->valid;
+    char before[PLC_REASON_SIZE];
 
+    plcImageReason(s->in, before);
     plcInputSetState(s, state);
     if (state != plcStateLayout)
         layoutShow(s, plcLayoutUnknown);
@@ -126,7 +167,21 @@ PLC_COLD void plcInputInvalidate(plcStation *s, int state, const char *reason)
     if (lost)
         plcScanRequestAll(s->inScan);
     plcScanRequestAll(s->statusScan);
-    plcStationChanged(s);
+    if (strncmp(before, reason, PLC_REASON_SIZE - 1))
+        plcInputFollow(s, 0);
+    else
+        plcStationChanged(s);
+}
+
+void plcInputNone(plcStation *s)
+{
+    epicsTimeStamp now;
+
+    epicsTimeGetCurrent(&now);
+    plcImagePublish(s->in, "", &now);
+    plcInputSetState(s, plcStateOk);
+    s->valid = 1;
+    plcScanRequestAll(s->inScan);
 }
 
 /* The time stamp of a block: its arrival, or the PLC's own clock. */
@@ -248,9 +303,14 @@ PLC_COLD static void takeReadback(plcStation *s, const void *block)
         plcImageForget(s->out);
         s->dirtySince = 0;
     }
+    if (first)
+        epicsAtomicIncrIntT(&s->takes);
+    if (first)
+        epicsAtomicSetIntT(&s->followed, 0); /* as all that followers have put */
     places = plcReadbackTake(s->readback, block, s->out);
 
     epicsAtomicSetIntT(&s->taken, 1);
+    plcInputHeld(s);
     if (places || first)
         plcInputFollow(s, places);
 }
@@ -266,11 +326,22 @@ static void takeShown(plcStation *s, const void *block)
         plcImageOwe(s->out, NULL, NULL);
 }
 
+/* Places of records that joined later, whose link is new: they begin with the PLC's value. */
+static void takeNew(plcStation *s, const void *block)
+{
+    unsigned places = plcReadbackTakeNew(s->readback, block, s->out);
+
+    if (places)
+        plcInputFollow(s, places);
+}
+
 /* Outputs follow the PLC from block to block. */
 static void trackReadback(plcStation *s, const void *block, epicsUInt64 now)
 {
     epicsUInt64 patience = plcMsToNs(s->now.sendInterval + PATIENCE_MS);
-    unsigned places = plcReadbackTrack(s->readback, block, s->out, now, patience);
+    int through = !plcReadbackWaiting(s->readback) || plcLineDelivered(s);
+    unsigned places =
+        plcReadbackTrack(s->readback, block, s->out, now, patience, through);
 
     if (places)
         plcInputFollow(s, places);
@@ -349,7 +420,9 @@ static int outputsFollow(plcStation *s, const void *block, epicsUInt64 now)
     if (!s->now.sync && plcReadbackCount(s->readback)) {
         if (!epicsAtomicGetIntT(&s->taken))
             takeShown(s, block);
-        else if (s->now.track)
+        else
+            takeNew(s, block);
+        if (s->now.track)
             trackReadback(s, block, now);
     }
     if (!s->now.sync)

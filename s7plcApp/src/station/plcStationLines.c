@@ -59,6 +59,16 @@ PLC_COLD static void retire(plcStation *s, unsigned i, epicsUInt64 now)
         plcLineLost(s, i, now, "fell silent, is connected anew");
 }
 
+/* The image leaves to another PLC, or on another connection, with every put that a record
+ * holds. Until the PLC has had time to show it, what it shows is older. */
+PLC_COLD static void leaveAgain(plcStation *s, epicsUInt64 now)
+{
+    if (!epicsAtomicGetIntT(&s->written) && !epicsAtomicGetIntT(&s->followed))
+        return;
+    plcImageTouch(s->out);
+    plcReadbackWait(s->readback, s->out, now, 1);
+}
+
 /* The one place where the leader changes. */
 PLC_COLD static void setLeader(plcStation *s, int leader, epicsUInt64 now)
 {
@@ -84,8 +94,8 @@ PLC_COLD static void setLeader(plcStation *s, int leader, epicsUInt64 now)
         s->dirtySince = 0;
         epicsAtomicSetIntT(&s->sendNow, 0);
         s->nextOutScan = now + plcMsToNs(s->now.sendInterval);
-        if (epicsAtomicGetIntT(&s->written) && !s->now.sync && !s->exchange)
-            plcImageTouch(s->out);
+        if (!s->now.sync && !s->exchange)
+            leaveAgain(s, now);
     }
     plcScanRequestAll(s->statusScan);
     plcStationChanged(s);
@@ -193,6 +203,7 @@ PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char
         plcConnectionAbort(&line->connection, why, now);
     else
         plcConnectionClose(&line->connection, why, now);
+    epicsSnprintf(line->lostWhy, sizeof(line->lostWhy), "%s", why);
     line->lostAt = now;
     line->lastBlock = 0;
     line->spared = 0;
@@ -247,12 +258,11 @@ PLC_COLD static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
     s->lastAlive = 0; /* judged from the first block of this connection on */
     plcLineTellPolicy(s, plcEventConnected, i, now);
     if (s->leader == (int)i && s->inSize && !s->valid && !line->wrongSize)
-        plcInputInvalidate(s, plcStateWaiting, "connected, waiting for first block");
-    if (s->leader == (int)i && !s->inSize) {
-        plcInputSetState(s, plcStateOk);
-        s->valid = 1; /* there is no data to wait for */
-        plcScanRequestAll(s->inScan);
-    }
+        plcInputInvalidate(s, plcStateWaiting,
+                           line->lostWhy[0] ? line->lostWhy
+                                            : "connected, waiting for first block");
+    if (s->leader == (int)i && !s->inSize)
+        plcInputNone(s); /* there is no data to wait for */
     if (plcStationIsPair(s) && s->leader < 0 && !s->valid)
         plcInputInvalidate(s, plcStateNoPrimary, "no PRIMARY: neither PLC sends");
 }
@@ -392,6 +402,7 @@ static void lineBlocks(plcStation *s, unsigned i, size_t count, epicsUInt64 now)
     else if (!line->wrongSize && line->fruitless)
         plcStationLog(s, errlogInfo, "blocks come again");
     line->wrongSize = line->fruitless = 0;
+    line->lostWhy[0] = 0;
     line->lastBlock = now;
     epicsMutexMustLock(s->lock);
     s->stats.blocksIn += count;
@@ -478,6 +489,13 @@ PLC_HOT int plcLineSocket(const plcStation *s, unsigned i)
     return worker || c->state == plcConnectionDown ? -1 : c->socket;
 }
 
+int plcLineDelivered(const plcStation *s)
+{
+    if (s->exchange)
+        return !s->exchange->ordered;
+    return s->leader >= 0 && plcConnectionDelivered(&s->lines[s->leader].connection);
+}
+
 /* The data of a pair lives on for recvTimeout without a leader. */
 PLC_HOT void plcLineDataStep(plcStation *s, epicsUInt64 *wake)
 {
@@ -508,5 +526,6 @@ void plcLineAddress(plcStation *s, unsigned i, epicsUInt64 now)
     plcResolverRelease(line->resolver);
     line->resolver = host[0] ? plcResolverCreate(host, plus, plcStationWake, s) : NULL;
     line->failures = line->wrongSize = line->fruitless = line->logged = 0;
+    line->lostWhy[0] = 0;
     line->retryAt = now;
 }

@@ -57,6 +57,7 @@ typedef struct plcLine {
     epicsUInt64 verdictsSince;
     int fruitless;         /* it was lost before its first block, and has said so */
     int logged;            /* "cannot connect" has been said */
+    char lostWhy[PLC_REASON_SIZE]; /* it was lost since its last block; "": it was not */
     char *spare;           /* of a pair: its newest block while the other leads */
     int spared;            /* there is one */
     epicsTimeStamp spareStamp;
@@ -79,6 +80,7 @@ struct plcStation {
     epicsCallback followCallback;
     void (*follow)(plcStation *); /* NULL: no record follows read-backs */
     int following;                /* atomic: the callback is queued */
+    int tell;                     /* atomic: it is wanted, by another thread than ours */
     plcScan *inScan, *outScan, *statusScan, *statsScan;
     plcUsers *users;
     const plcListener *listener; /* NULL: none; set before the thread starts */
@@ -91,6 +93,7 @@ struct plcStation {
     int running; /* atomic: PINI is over, scans are on */
     int sendNow; /* atomic: s7plcSend */
     int written; /* atomic: an output without read-back was written since start */
+    int followed; /* atomic: one with a read-back was, since all took the PLC's values */
     epicsEventId ended;
     int started;
 
@@ -112,6 +115,8 @@ struct plcStation {
     int leads;   /* atomic: the same of the line that outputs take */
     int waiting; /* atomic: the thread waits for the end of a scan pass */
     int taken;   /* atomic: the output image holds what the PLC has shown */
+    int takes;   /* atomic: how often that began */
+    int waitsFirst; /* atomic: nothing leaves before the PLC has shown its values */
 
     /* owned by the thread */
     plcOptions now; /* its copy of the options */
@@ -135,6 +140,8 @@ struct plcStation {
     epicsUInt64 lastSend;   /* 0: nothing sent on this connection */
     epicsUInt64 nextOutScan;
     epicsUInt64 nextStatsScan;
+    int tracks;                /* the option track, as read-backs know it */
+    epicsUInt64 followAgain;   /* when to ask for the callback again; 0: not wanted */
     int toldState, toldLeader; /* when statistics were last scanned */
     epicsUInt64 policyWake;    /* 0: none */
     unsigned logTokens;        /* log lines that may still be written this minute */
@@ -206,9 +213,18 @@ void plcInputSetLeads(plcStation *s);
 /* Another PLC gets our output, or none. */
 void plcInputSyncLeader(plcStation *s, epicsUInt64 now);
 
-/* Output records are told that `places` of them took the PLC's value, or (0) that it is
- * back. */
+/* Records are told that `places` of them took the PLC's value, or (0) that there is news of
+ * the connection. */
 void plcInputFollow(plcStation *s, unsigned places);
+
+/* Whether outputs leave may have changed: says so to record threads, and to records. */
+void plcInputHeld(plcStation *s);
+
+/* There is no input block: nothing to wait for. */
+void plcInputNone(plcStation *s);
+
+/* Asks again when the callback queue was full, or when another thread wants it. */
+void plcInputFollowStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake);
 
 /* Timers: a block that was held back; the alive word. */
 void plcInputHoldStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake);
@@ -229,6 +245,9 @@ void plcLineDataStep(plcStation *s, epicsUInt64 *wake);
 /* The socket of line i for poll(); -1: none. The worker of a transport watches its own, and
  * knows why it ends. */
 int plcLineSocket(const plcStation *s, unsigned i);
+
+/* True when all that was sent on the line that takes the output has reached the PLC. */
+int plcLineDelivered(const plcStation *s);
 
 /* poll() reported something about line i. */
 void plcLineReady(plcStation *s, unsigned i, short revents, epicsUInt64 now);

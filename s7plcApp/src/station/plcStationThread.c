@@ -191,6 +191,27 @@ static void statsStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
 /* --- Loop
  * -------------------------------------------------------------------------------*/
 
+/* With track=on read-backs know what was put. What was put before may be on its way. */
+PLC_COLD static void noteWrites(plcStation *s, epicsUInt64 now)
+{
+    int on = s->now.track && !s->now.sync;
+    int leaves = plcImageDirty(s->out);
+
+    plcReadbackNote(s->readback, on);
+    if (s->exchange)
+        plcReadbackNote(s->exchange->tracked, on);
+    if (!on || s->tracks == on) {
+        s->tracks = on;
+        return;
+    }
+    s->tracks = on;
+    if (!epicsAtomicGetIntT(&s->taken))
+        return;
+    plcReadbackWait(s->readback, s->out, now, leaves);
+    if (s->exchange)
+        plcReadbackWait(s->exchange->tracked, s->out, now, leaves);
+}
+
 /* Takes over what other threads have changed. */
 PLC_HOT static void takeOrders(plcStation *s, epicsUInt64 now)
 {
@@ -210,6 +231,8 @@ PLC_HOT static void takeOrders(plcStation *s, epicsUInt64 now)
         s->policy->options(s->policyPvt, &s->now);
     if (changed && s->exchange)
         plcExchangeOptions(s);
+    if (changed)
+        noteWrites(s, now);
     for (i = 0; moved && i < s->lineCount; i++) {
         if (s->lines[i].connection.state == plcConnectionUp)
             plcLineLost(s, i, now, why);
@@ -303,8 +326,7 @@ PLC_HOT void plcStationThread(void *arg)
             if (s->valid)
                 plcScanRequestAll(s->inScan);
             plcScanRequestAll(s->statusScan);
-            if (epicsAtomicGetIntT(&s->leads))
-                plcInputFollow(s, 0);
+            plcInputFollow(s, 0);
         }
         if (s->policyWake && s->looked >= s->policyWake)
             plcLineTellPolicy(s, plcEventTick, 0, now);
@@ -315,6 +337,8 @@ PLC_HOT void plcStationThread(void *arg)
         plcLineDataStep(s, &wake);
         plcInputAliveStep(s, now, &wake);
         plcInputHoldStep(s, now, &wake);
+        plcInputHeld(s);
+        plcInputFollowStep(s, now, &wake);
         outputStep(s, now, &wake);
         outScanStep(s, now, &wake);
         statsStep(s, now, &wake);

@@ -1,0 +1,216 @@
+/* Read-backs: what the output image takes of what the PLC shows, and what it leaves alone
+ * because a put is on its way. One byte that is put and shown in turns, step by step.
+ */
+#include <string.h>
+
+#include <epicsUnitTest.h>
+#include <testMain.h>
+
+#include "plcReadback.h"
+
+#define PATIENCE 1000000000u /* ns */
+#define STEP 1000000u
+
+static plcReadback *r;
+static plcImage *out;
+static epicsUInt64 now;
+static int through;
+
+static void begin(void)
+{
+    now = PATIENCE;
+    through = 1;
+    r = plcReadbackCreate();
+    out = plcImageCreate(4);
+    plcReadbackNote(r, 1);
+}
+
+static void end(void)
+{
+    plcReadbackDestroy(r);
+    plcImageDestroy(out);
+}
+
+static void putByte(size_t offset, char byte, const void *mask)
+{
+    size_t takes;
+
+    plcReadbackWrite(r, out, offset, 1, &byte, mask, &takes, now);
+}
+
+static void leave(void)
+{
+    char bytes[4];
+
+    plcImageTake(out, bytes);
+}
+
+static unsigned show(const char *block)
+{
+    return plcReadbackTrack(r, block, out, now, PATIENCE, through);
+}
+
+static char held(size_t offset)
+{
+    char byte;
+
+    plcImagePeek(out, offset, 1, &byte);
+    return byte;
+}
+
+/* --- One place ---------------------------------------------------------------------------
+ * pX a put of X    t a block leaves    sX=Y the PLC shows X, then the image holds Y
+ * w patience goes by    < the PLC does not fetch what is sent, > it does
+ * L another PLC leads and gets the image    K the image may have left at any time */
+static const struct {
+    const char *what, *steps;
+} rows[] = {
+    {"what the PLC changes is taken", "sA=A sB=B sC=C"},
+    {"a put stays until the PLC shows it", "pB sA=B t sA=B sB=B sC=C"},
+    {"a put that the PLC shows at once", "pB t sB=B sC=C"},
+    {"a put that goes back before the PLC has shown the new value",
+     "pB t sA=B pA t sA=A sA=A sB=A sB=A sA=A sC=C"},
+    {"the same, and both leave before the next block", "pB t pA t sA=A sB=A sA=A sC=C"},
+    {"the same, and the first never leaves", "pB pA t sA=A sC=C"},
+    {"the same, and the PLC never shows the first", "pB t pA t sA=A sC=A w sC=C"},
+    {"to and fro and to", "pB t pA t pB t sA=B sB=B sA=B sB=B sC=C"},
+    {"to and fro and to and fro, some not shown", "pB t pA t pB t pA t sA=A sB=A sA=A sB=A sA=A"},
+    {"to, and fro and to in one block", "pB t pA pB t sA=B sB=B sC=C"},
+    {"a value, another, and the first again",
+     "pB t pC t pB t sA=B sB=B sC=B sB=B sD=D"},
+    {"the same value twice in a row, then another",
+     "pB t pB pC t pB t sA=B sB=B sC=B sB=B sD=D"},
+    {"a put of what is shown, while the PLC changes it", "pA sC=A t sC=A sA=A sC=C"},
+    {"what the PLC refuses comes back", "pB t sA=B w sA=A"},
+    {"what the PLC clips comes back as it is", "pZ t sA=Z sY=Z w sY=Y"},
+    {"patience begins when the put has left", "pB sA=B w sA=B w sA=B t sA=B w sA=A"},
+    {"and when the PLC has got it", "< pB t sA=B w sA=B w sA=B > sA=B w sA=A"},
+    {"a second put begins anew", "pB t sA=B w pC sA=C t sA=C sB=C sC=C sD=D"},
+    {"more puts than can be told apart: patience",
+     "pB t pC t pD t pE t pF t pG t pH t pI t pJ t sB=J sJ=J sI=J sJ=J w sK=K"},
+    {"another PLC gets what the first had", "pB t sB=B L sA=B t sA=B sB=B sC=C"},
+    {"another PLC gets it, and what was put meanwhile",
+     "pB t sB=B L pC sA=C t sA=C sC=C sD=D"},
+    {"another PLC that does not take it", "pB t sB=B L sA=B t sA=B w sA=A"},
+    {"another PLC, and none of the old one's blocks count", "pB t sA=B L sB=B t sB=B sA=A"},
+    {"tracking begins while a put may be on its way", "K sB=A sC=A w sD=D"},
+};
+
+/* Returns what is wrong, or 0. */
+static int play(const char *steps)
+{
+    const char *at;
+
+    for (at = steps; *at; at += strcspn(at, " "), at += strspn(at, " ")) {
+        now += STEP;
+        switch (*at) {
+        case 'p': putByte(0, at[1], NULL); break;
+        case 't': leave(); break;
+        case 'w': now += PATIENCE; break;
+        case '<': through = 0; break;
+        case '>': through = 1; break;
+        case 'K': plcReadbackWait(r, out, now, 0); break;
+        case 'L':
+            plcImageTouch(out);
+            plcReadbackWait(r, out, now, 1);
+            break;
+        default:
+            show(at + 1);
+            if (held(0) != at[3]) {
+                testDiag("after \"%.*s\" the image holds %c", (int)(at + 4 - steps), steps,
+                         held(0));
+                return (int)(at - steps) + 1;
+            }
+        }
+    }
+    return 0;
+}
+
+static void testSteps(void)
+{
+    size_t i;
+
+    for (i = 0; i < sizeof(rows) / sizeof(rows[0]); i++) {
+        begin();
+        plcReadbackAdd(r, &r, 0, 0, 1, NULL);
+        plcReadbackTake(r, "A", out);
+        testOk(play(rows[i].steps) == 0, "%s", rows[i].what);
+        end();
+    }
+}
+
+/* --- Several ----------------------------------------------------------------------------- */
+
+static void testMasks(void)
+{
+    static const char lower = 0x0F, upper = (char)0xF0;
+
+    begin();
+    plcReadbackAdd(r, &lower, 0, 0, 1, &lower);
+    plcReadbackAdd(r, &upper, 0, 0, 1, &upper);
+    plcReadbackTake(r, "\x11", out);
+    putByte(0, 0x02, &lower);
+    show("\x31");
+    testOk(held(0) == 0x32, "a put of some bits leaves the others to the PLC");
+    testOk(plcReadbackWaiting(r) == 1, "one place waits");
+    leave();
+    show("\x42");
+    testOk(held(0) == 0x42 && plcReadbackWaiting(r) == 0, "until the PLC shows its bits");
+    end();
+}
+
+static void testOverlap(void)
+{
+    static const int whole = 0, byte = 0;
+
+    begin();
+    plcReadbackAdd(r, &whole, 0, 0, 4, NULL);
+    plcReadbackAdd(r, &byte, 1, 1, 1, NULL);
+    plcReadbackTake(r, "abcd", out);
+    putByte(1, 'B', NULL);
+    show("abcX");
+    testOk(held(1) == 'B', "a put in the mirror of a whole block stays");
+    leave();
+    show("aBcX");
+    testOk(held(1) == 'B', "until it is shown");
+    show("xbcX");
+    testOk(held(0) == 'a' && held(1) == 'b', "then the place itself follows, the rest waits");
+    now += PATIENCE;
+    show("xbcX");
+    testOk(held(0) == 'x' && held(1) == 'b' && held(3) == 'X',
+           "until all is as the PLC shows it");
+    end();
+}
+
+static void testNew(void)
+{
+    static const int first = 0, second = 0, third = 0;
+
+    begin();
+    plcReadbackNote(r, 0);
+    plcReadbackAdd(r, &first, 0, 0, 1, NULL);
+    plcReadbackTake(r, "abcd", out);
+    testOk(plcReadbackTakeNew(r, "xyz", out) == 0 && held(0) == 'a',
+           "a place that has its value takes no other");
+    plcReadbackAdd(r, &second, 1, 1, 1, NULL);
+    plcReadbackAdd(r, &third, 2, 2, 1, NULL);
+    putByte(2, 'P', NULL);
+    testOk(plcReadbackTakeNew(r, "xyz", out) == 1 && held(1) == 'y',
+           "a new place takes what the PLC shows");
+    testOk(held(2) == 'P' && held(0) == 'a', "but not where a put came first");
+    testOk(plcReadbackTakeNew(r, "xYz", out) == 0 && held(1) == 'y', "and once");
+    plcReadbackRemove(r, &second);
+    plcReadbackRemove(r, &third);
+    testOk(plcReadbackCount(r) == 1 && plcReadbackTakeNew(r, "x", out) == 0, "none is left");
+    end();
+}
+
+MAIN(readbackTest)
+{
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 3 + 4 + 5);
+    testSteps();
+    testMasks();
+    testOverlap();
+    testNew();
+    return testDone();
+}
