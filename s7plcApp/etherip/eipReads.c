@@ -1,0 +1,515 @@
+/* The reads of a worker: which units are due together, in which messages they go, and what
+ * becomes of the answers; see eipWorkerPvt.h. All functions run in the worker's thread. */
+#include <stdlib.h>
+#include <string.h>
+
+#include <cantProceed.h>
+
+#include "eipWorkerPvt.h"
+
+enum {
+    together = 10,      /* % of the shortest period: what is due by then goes along */
+    publishMs = 50,     /* a turn that takes longer shows what it has so far */
+    wholeMax = 1 << 22, /* bytes of one unit */
+    lostTags = 5        /* so many that are unknown at once: another program */
+};
+
+/* --- Plans ------------------------------------------------------------------------------------ */
+
+static void freePlans(eipWorker *w)
+{
+    unsigned i;
+
+    for (i = 0; i < w->planCount; i++) {
+        free(w->plans[i].units);
+        free(w->plans[i].ends);
+    }
+    w->planCount = w->planNext = 0;
+    w->turn = NULL;
+}
+
+void eipReadsFree(eipWorker *w)
+{
+    freePlans(w);
+}
+
+static unsigned classOf(const eipWorker *w, unsigned period)
+{
+    unsigned i, best = 0;
+
+    for (i = 0; i < w->classCount; i++)
+        if (w->classes[i].period == period)
+            return i;
+    for (i = 0; i < w->classCount; i++) /* too many: the next faster one */
+        if (w->classes[i].period < period &&
+            (w->classes[best].period > period ||
+             w->classes[i].period > w->classes[best].period))
+            best = i;
+    return best;
+}
+
+static int hasClass(const eipWorker *w, unsigned period)
+{
+    unsigned i;
+
+    for (i = 0; i < w->classCount; i++)
+        if (w->classes[i].period == period)
+            return 1;
+    return 0;
+}
+
+/* The periods that units have; times of those that were there before stay. */
+static void makeClasses(eipWorker *w)
+{
+    eipClass old[eipClassesMax];
+    unsigned oldCount = w->classCount, i, k;
+
+    memcpy(old, w->classes, sizeof(old));
+    epicsMutexMustLock(w->lock);
+    w->classCount = 0;
+    for (i = 0; i < w->tags.unitCount; i++) {
+        unsigned period = w->tags.units[i].period;
+
+        if (w->classCount == eipClassesMax || hasClass(w, period))
+            continue;
+        memset(&w->classes[w->classCount], 0, sizeof(w->classes[0]));
+        w->classes[w->classCount].period = period;
+        for (k = 0; k < oldCount; k++)
+            if (old[k].period == period)
+                w->classes[w->classCount] = old[k];
+        w->classes[w->classCount++].times.period = period;
+    }
+    epicsMutexUnlock(w->lock);
+}
+
+void eipReadsReplan(eipWorker *w)
+{
+    freePlans(w);
+    makeClasses(w);
+}
+
+void eipReadsBegin(eipWorker *w)
+{
+    unsigned i;
+
+    freePlans(w);
+    w->firstTurn = 1;
+    w->stored = 0;
+    w->published = 0;
+    for (i = 0; i < w->classCount; i++)
+        w->classes[i].due = 0;
+}
+
+/* The messages for all units of these classes. */
+static eipReadPlan *makePlan(eipWorker *w, epicsUInt64 classes)
+{
+    const eipTags *t = &w->tags;
+    eipReadPlan *plan = &w->plans[w->planNext];
+    eipLoad *loads = callocMustSucceed(t->unitCount + 1, sizeof(*loads), "etherip");
+    unsigned *units = callocMustSucceed(t->unitCount + 1, sizeof(*units), "etherip");
+    unsigned *bins = callocMustSucceed(t->unitCount + 1, sizeof(*bins), "etherip");
+    unsigned n = 0, i;
+
+    if (w->planNext < w->planCount) {
+        free(plan->units);
+        free(plan->ends);
+    } else {
+        w->planCount++;
+    }
+    w->planNext = (w->planNext + 1) % eipPlansMax;
+    for (i = 0; i < t->unitCount; i++)
+        if (classes >> classOf(w, t->units[i].period) & 1) {
+            loads[n] = eipUnitLoad(t, &t->units[i]);
+            units[n++] = i;
+        }
+    plan->classes = classes;
+    plan->messages = eipPack(loads, n, &w->limits, 0, bins);
+    plan->units = callocMustSucceed(n + 1, sizeof(*units), "etherip");
+    plan->ends = callocMustSucceed(plan->messages + 1, sizeof(*units), "etherip");
+    for (i = 0; i < n; i++)
+        plan->ends[bins[i]]++;
+    for (i = 1; i < plan->messages; i++)
+        plan->ends[i] += plan->ends[i - 1];
+    for (i = n; i-- > 0;) /* ends are starts, and back again */
+        plan->units[--plan->ends[bins[i]]] = units[i];
+    for (i = 0; i + 1 < plan->messages; i++)
+        plan->ends[i] = plan->ends[i + 1];
+    if (plan->messages)
+        plan->ends[plan->messages - 1] = n;
+    free(loads);
+    free(units);
+    free(bins);
+    return plan;
+}
+
+static eipReadPlan *planFor(eipWorker *w, epicsUInt64 classes)
+{
+    unsigned i;
+
+    for (i = 0; i < w->planCount; i++)
+        if (w->plans[i].classes == classes)
+            return &w->plans[i];
+    return makePlan(w, classes);
+}
+
+/* --- Turns ------------------------------------------------------------------------------------ */
+
+/* The classes that are due, or nearly so; their next time is set. 0: none, and *next says when
+ * there is one. */
+static epicsUInt64 dueClasses(eipWorker *w, epicsUInt64 now, epicsUInt64 *next)
+{
+    epicsUInt64 first = EIP_NEVER, shortest = EIP_NEVER, classes = 0, limit;
+    unsigned i;
+
+    for (i = 0; i < w->classCount; i++) {
+        epicsUInt64 period = w->classes[i].period * EIP_NS_PER_MS;
+
+        if (w->classes[i].due < first)
+            first = w->classes[i].due;
+        if (period < shortest)
+            shortest = period;
+    }
+    if (first > now) {
+        if (first < *next)
+            *next = first;
+        return 0;
+    }
+    limit = now + shortest * together / 100;
+    for (i = 0; i < w->classCount; i++) {
+        eipClass *c = &w->classes[i];
+        epicsUInt64 period = c->period * EIP_NS_PER_MS, behind;
+
+        if (c->due > limit)
+            continue;
+        classes |= (epicsUInt64)1 << i;
+        behind = c->due > now ? c->due : now;
+        if (c->due && now > c->due + period) {
+            epicsMutexMustLock(w->lock);
+            w->state.late += (now - c->due) / period;
+            epicsMutexUnlock(w->lock);
+        }
+        c->due = eipNextDue(w->epoch, period, behind);
+    }
+    return classes;
+}
+
+static void publish(eipWorker *w, epicsUInt64 now)
+{
+    w->stored = 0;
+    w->published = now;
+    if (!eipWorkerEnter(w))
+        return;
+    memcpy(w->inNews, w->in, w->setup.inSize);
+    epicsTimeGetCurrent(&w->news.stamp);
+    w->news.blocks++;
+    if (w->setup.outSize && !w->firstTurn) {
+        size_t i;
+
+        /* What is ordered is newer than what was read. */
+        for (i = 0; i < w->setup.outSize; i++)
+            w->outNews[i] = (epicsUInt8)((w->in[i] & ~w->owed[i]) |
+                                         (w->order[i] & w->owed[i]));
+        w->news.shown = 1;
+    }
+    eipWorkerTell(w);
+}
+
+static void endTurn(eipWorker *w)
+{
+    epicsUInt64 now = epicsMonotonicGet();
+    double took = (double)(now - w->turnStart) / 1e9;
+    unsigned i;
+
+    epicsMutexMustLock(w->lock);
+    w->state.requests = w->turnRequests;
+    for (i = 0; i < w->classCount; i++) {
+        eipTimes *t = &w->classes[i].times;
+
+        if (!(w->turn->classes >> i & 1))
+            continue;
+        t->last = took;
+        t->min = t->turns && t->min < took ? t->min : took;
+        t->max = t->max > took ? t->max : took;
+        t->turns++;
+        epicsTimeGetCurrent(&t->stamp);
+    }
+    epicsMutexUnlock(w->lock);
+    w->turn = NULL;
+    w->firstTurn = 0;
+    publish(w, now);
+    if (w->unknownRefusals >= lostTags) {
+        eipWorkerNote(w, "%u tags are unknown at once: all are learned anew",
+                      w->unknownRefusals);
+        eipLearnBegin(w);
+    }
+    w->unknownRefusals = 0;
+}
+
+/* --- Answers ---------------------------------------------------------------------------------- */
+
+static void storeUnit(eipWorker *w, eipUnit *u, const eipData *data)
+{
+    const eipTags *t = &w->tags;
+    const char *why;
+    unsigned i;
+
+    for (i = u->from; i < u->from + u->pieces; i++) {
+        const eipPiece *p = &t->pieces[i];
+        const eipWant *want = &t->wants[p->want];
+        int wasBad = !w->in[want->place] && !w->in[want->place + 1];
+
+        why = eipPieceStore(t, p, data->bytes, data->length, w->in);
+        if (why)
+            eipWorkerBad(w, want, why);
+        else if (wasBad && plcFaultsClear(w->setup.inFaults, want->place, want->room, NULL) &&
+                 eipWorkerEnter(w)) {
+            w->news.inFaults = 1;
+            w->hasNews = 1;
+            epicsMutexUnlock(w->lock);
+        }
+    }
+    w->stored = 1;
+    if (u->refused) {
+        w->tags.wants[t->pieces[u->from].want].refused = 0;
+        w->replan = 1;
+    }
+}
+
+/* The tag is another one than it was. */
+static void relearn(eipWorker *w, eipTag *tag, int newProgram)
+{
+    epicsMutexMustLock(w->tagsLock);
+    if (tag->state != eipTagNew)
+        w->tags.unknown++;
+    tag->state = eipTagNew;
+    tag->instance = 0; /* they die with a download */
+    epicsMutexUnlock(w->tagsLock);
+    w->unknownRefusals += (unsigned)newProgram;
+    w->replan = 1;
+}
+
+static void badUnit(eipWorker *w, eipUnit *u, const char *reason)
+{
+    unsigned i;
+
+    for (i = u->from; i < u->from + u->pieces; i++) {
+        eipWant *want = &w->tags.wants[w->tags.pieces[i].want];
+
+        eipWorkerBad(w, want, reason);
+        want->refused = 1;
+    }
+    if (!u->refused) {
+        eipWorkerNote(w, "tag %.60s: %s", w->tags.tags[u->tag].base, reason);
+        w->replan = 1;
+    }
+    u->refused = 1;
+}
+
+static void refused(eipWorker *w, unsigned number, const eipAnswer *answer)
+{
+    eipUnit *u = &w->tags.units[number];
+    eipTag *tag = &w->tags.tags[u->tag];
+    int isEnd = answer->status == eipGeneral && answer->extended == eipExtEnd;
+    int isUnknown = answer->status == eipPathSegment || answer->status == eipPathUnknown;
+    int split;
+    char reason[PLC_REASON_SIZE];
+
+    eipWorkerReason(answer, reason);
+    if (u->whole || (isEnd && u->pieces > 1)) {
+        epicsMutexMustLock(w->tagsLock);
+        split = eipUnitSplit(&w->tags, number);
+        epicsMutexUnlock(w->tagsLock);
+        if (split)
+            w->replan = 2; /* the parts are read at once */
+    } else if (isUnknown ||
+               (answer->status == eipGeneral && answer->extended == eipExtType)) {
+        relearn(w, tag, isUnknown);
+    } else {
+        badUnit(w, u, reason);
+    }
+}
+
+static int isSameType(const eipWorker *w, const eipUnit *u, const eipData *data)
+{
+    const eipTag *tag = &w->tags.tags[u->tag];
+
+    if (u->whole)
+        return data->code == eipStructureCode && data->handle == u->handle;
+    return data->code == tag->code && data->handle == tag->handle;
+}
+
+/* An answer that is through. */
+static void takeData(eipWorker *w, unsigned number, const eipAnswer *answer,
+                     const eipData *data)
+{
+    eipUnit *u = &w->tags.units[number];
+
+    if (answer->status)
+        refused(w, number, answer);
+    else if (isSameType(w, u, data))
+        storeUnit(w, u, data);
+    else if (u->whole)
+        refused(w, number, answer);
+    else
+        relearn(w, &w->tags.tags[u->tag], 0);
+}
+
+static void putFragment(eipWorker *w, const eipUnit *u, size_t from, eipAnswer *answer,
+                        int *status)
+{
+    eipWriter m = eipWorkerWriter(w);
+
+    eipUnitPut(&m, &w->tags, u, from ? (long)from : -1);
+    *status = eipWorkerAsk(w, &m, answer);
+}
+
+/* Whole elements only: offsets are multiples of them. */
+static size_t whole(const eipUnit *u, size_t got)
+{
+    return u->size && got > u->size && u->size <= 8 ? got - got % u->size : got;
+}
+
+int eipReadWhole(eipWorker *w, const eipUnit *u, size_t from, eipAnswer *answer,
+                 eipData *data)
+{
+    size_t got = from;
+    eipData part;
+    int status;
+
+    do {
+        putFragment(w, u, got, answer, &status);
+        if (status)
+            return -1;
+        if (answer->status && answer->status != eipPartial)
+            return 0;
+        if (eipDataTake(answer, &part) || got + part.length > wholeMax ||
+            (answer->status == eipPartial && !whole(u, part.length))) {
+            strcpy(w->lost, "fragment not understood");
+            return -1;
+        }
+        if (got + part.length > w->assemblyRoom) {
+            w->assemblyRoom = (got + part.length) * 2;
+            w->assembly = realloc(w->assembly, w->assemblyRoom);
+            if (!w->assembly)
+                cantProceed("etherip: no memory for a tag of %lu bytes\n",
+                            (unsigned long)got);
+        }
+        memcpy(w->assembly + got, part.bytes, part.length);
+        got += answer->status == eipPartial ? whole(u, part.length) : part.length;
+    } while (answer->status == eipPartial);
+    *data = (eipData){part.code, part.handle, w->assembly, got};
+    return 0;
+}
+
+/* The answer did not fit: the message was planned too large. */
+static void learnRoom(eipWorker *w, const eipUnit *u, const eipAnswer *answer)
+{
+    unsigned planned = eipUnitLoad(&w->tags, u).answer;
+    unsigned got = eipAnswerHead + (unsigned)answer->length;
+    unsigned less = planned > got ? planned - got : 0;
+
+    if (!less || planned > w->limits.room || w->limits.room < less + 100)
+        return;
+    w->limits.room -= less;
+    eipWorkerNote(w, "answers of the PLC have %u bytes at most", w->limits.room);
+    w->replan = 1;
+}
+
+/* --- Messages --------------------------------------------------------------------------------- */
+
+static void putUnit(eipWorker *w, eipWriter *m, unsigned i, void *arg)
+{
+    const unsigned *units = arg;
+
+    eipUnitPut(m, &w->tags, &w->tags.units[units[i]], -1);
+}
+
+static void takeUnit(eipWorker *w, unsigned i, const eipAnswer *answer, void *arg)
+{
+    const unsigned *units = arg;
+    eipUnit *u = &w->tags.units[units[i]], copy;
+    eipAnswer last = *answer;
+    eipData data = {0};
+
+    if (answer->status == eipPartial) {
+        learnRoom(w, u, answer);
+        copy = *u;
+        if (eipReadWhole(w, &copy, 0, &last, &data))
+            return;
+    } else if (!answer->status && eipDataTake(answer, &data)) {
+        last.status = eipGeneral; /* a type that nobody knows */
+    }
+    takeData(w, units[i], &last, &data);
+}
+
+/* The next message of the turn. */
+static int sendMessage(eipWorker *w)
+{
+    eipReadPlan *plan = w->turn;
+    unsigned from = w->turnMessage ? plan->ends[w->turnMessage - 1] : 0;
+    unsigned count = plan->ends[w->turnMessage] - from, i;
+    unsigned *units = mallocMustSucceed(count * sizeof(*units) + 1, "etherip");
+    eipLoad load;
+    eipAnswer answer;
+    eipData data = {0};
+    eipUnit copy;
+    int status = 0;
+
+    for (i = 0; i < count; i++)
+        units[i] = plan->units[from + i];
+    w->turnMessage++;
+    load = eipUnitLoad(&w->tags, &w->tags.units[units[0]]);
+    if (count == 1 && !eipFitsAlone(&load, &w->limits)) {
+        copy = w->tags.units[units[0]];
+        status = eipReadWhole(w, &copy, 0, &answer, &data);
+        if (!status)
+            takeData(w, units[0], &answer, &data);
+    } else {
+        status = eipWorkerAskMany(w, count, 0, putUnit, takeUnit, units);
+    }
+    free(units);
+    return status || w->lost[0] ? -1 : 1;
+}
+
+int eipReadsStep(eipWorker *w, epicsUInt64 now, epicsUInt64 *next)
+{
+    epicsUInt64 classes;
+    unsigned i;
+
+    if (!w->taught)
+        return 0;
+    if (!w->turn) {
+        if (!w->classCount && w->firstTurn) {
+            w->firstTurn = 0; /* nothing is wanted, or nothing is good */
+            publish(w, now);
+        }
+        classes = dueClasses(w, now, next);
+        if (!classes) {
+            if (w->stored)
+                publish(w, now);
+            return 0;
+        }
+        w->turn = planFor(w, classes);
+        w->turnMessage = 0;
+        w->turnStart = now;
+        w->turnRequests = 0;
+    }
+    if (w->turnMessage < w->turn->messages && sendMessage(w) < 0)
+        return -1;
+    if (!w->turn) /* the plan is void: the turn begins anew */
+        return 1;
+    if (w->turnMessage >= w->turn->messages) {
+        int again = w->replan == 2;
+
+        endTurn(w);
+        if (again) {
+            eipReadsReplan(w);
+            w->replan = 0;
+            for (i = 0; i < w->classCount; i++)
+                w->classes[i].due = 0;
+        }
+    } else if (w->stored && now > w->published + publishMs * EIP_NS_PER_MS && !w->firstTurn) {
+        publish(w, now);
+    }
+    return 1;
+}

@@ -1,0 +1,193 @@
+/* Inside of the worker of a PLC; only for eipWorker.c, eipLearn.c, eipReads.c and eipWrites.c.
+ *
+ * Locking. What goes between the worker and others is under `lock`, which is held to copy, never
+ * during a system call. Each start and stop makes a new generation: the worker gives nothing
+ * away, and takes nothing, when its session is of an older one. `tagsLock` guards the tags of
+ * the worker's own against those who report: it changes them with it held, and reads them
+ * without. Order: tagsLock, then lock.
+ */
+#ifndef INC_eipWorkerPvt_H
+#define INC_eipWorkerPvt_H
+
+#include <epicsEvent.h>
+#include <epicsMutex.h>
+#include <epicsThread.h>
+#include <epicsTime.h>
+
+#include "eipSocket.h"
+#include "eipWorker.h"
+
+#define EIP_NEVER (~(epicsUInt64)0)
+#define EIP_NS_PER_MS 1000000ull
+
+enum {
+    eipClassesMax = 64, /* periods that differ; more share the fastest that is left */
+    eipPlansMax = 32,
+    eipMessageMax = 65500
+};
+
+/* All units of one period. */
+typedef struct eipClass {
+    unsigned period;      /* ms */
+    epicsUInt64 due;      /* ns; 0: at once */
+    eipTimes times;
+} eipClass;
+
+/* The messages that read the units of some classes together. */
+typedef struct eipReadPlan {
+    epicsUInt64 classes;  /* bits */
+    unsigned *units;      /* in the order of their messages */
+    unsigned *ends;       /* behind the last unit of each message */
+    unsigned messages;
+} eipReadPlan;
+
+/* How far the list of tags and the templates are. */
+typedef enum {
+    eipBrowseNot,
+    eipBrowseTags,      /* of the controller */
+    eipBrowsePrograms,
+    eipBrowseTemplates,
+    eipBrowseDone
+} eipBrowseStage;
+
+/* What was asked when the connection was lost: it is not asked again where others answer. */
+typedef enum { eipAskOther, eipAskBrowse, eipAskProgram, eipAskModify } eipAskKind;
+
+typedef struct eipBrowser {
+    eipBrowseStage stage;
+    epicsUInt32 next;
+    unsigned program;          /* index of the tag that names it */
+    char programName[eipNameMax + 1];
+    eipTemplate *template;     /* that is being read, NULL: none */
+    epicsUInt8 *bytes;
+    size_t got, need;
+} eipBrowser;
+
+struct eipWorker {
+    plcTransportSetup setup;
+    epicsEventId event;
+    epicsThreadId thread;
+
+    epicsMutexId lock; /* guards from here on */
+    int ending;
+    eipWorkerOptions options;
+    eipConnectOptions connectOptions;
+    int newConnect;
+    unsigned generation;
+    int running;
+    SOCKET handed;
+    eipWant *wants; /* NULL with newWants: none */
+    unsigned wantCount;
+    int newWants;
+    epicsUInt8 *order, *owed;
+    int ordered, writing;
+    int busy; /* a request is under way */
+    plcNews news;
+    int hasNews;
+    unsigned moreLog;
+    epicsUInt8 *inNews, *outNews;
+    eipWorkerState state;
+    eipClass classes[eipClassesMax]; /* written with the lock, by the worker */
+    unsigned classCount;
+
+    epicsMutexId tagsLock;
+    eipTags tags;
+
+    /* the worker's own */
+    eipSocket socket;
+    eipConnect connect;
+    unsigned session; /* its generation */
+    int on;           /* the socket is up */
+    int open;         /* the session, too */
+    int taught;       /* all tags were asked for, once */
+    int firstTurn;    /* of this session is not through yet */
+    char lost[PLC_REASON_SIZE];
+    eipWorkerOptions now;
+    eipAskKind asking;
+    int noBrowse, noProgram, noModify; /* 2: the PLC has no such thing; 1: perhaps */
+    int noMultiple;
+    eipLimits limits;
+    epicsUInt8 *frame, *message, *assembly;
+    size_t assemblyRoom;
+    epicsUInt8 *in;              /* the image as the PLC has it */
+    epicsUInt8 *leaving, *values; /* bits of the orders that are being written */
+    eipReadPlan plans[eipPlansMax];
+    unsigned planCount, planNext;
+    eipReadPlan *turn;           /* that runs; NULL: none */
+    unsigned turnMessage;        /* the next one of it */
+    epicsUInt64 turnStart, published;
+    unsigned turnRequests;
+    int stored;                  /* something is new since it was published */
+    int replan;                  /* units have changed */
+    epicsUInt64 epoch;           /* ns: due times count from here */
+    epicsUInt64 lastAsk;         /* ns: keeps the connection alive */
+    epicsUInt64 programDue;      /* ns: to look whether the program changed */
+    epicsUInt8 program[64];
+    size_t programLength;
+    char noFit[PLC_REASON_SIZE]; /* a reason that is given on at once */
+    unsigned unknownRefusals;    /* tags that were known and are not any more, in a turn */
+    eipBrowser browser;
+};
+
+/* --- eipWorker.c -------------------------------------------------------------------------- */
+
+/* Locks, if the session is still the one that counts. Returns 0 when it is not. */
+int eipWorkerEnter(eipWorker *w);
+/* Unlocks; there is news. */
+void eipWorkerTell(eipWorker *w);
+/* A line for the log; the lock is not held. */
+void eipWorkerNote(eipWorker *w, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
+
+/* A message for eipWorkerAsk is put there. */
+eipWriter eipWorkerWriter(eipWorker *w);
+
+/* Asks, and waits. Returns 0, or -1: the session is over (w->lost says why, if it was the
+ * connection). */
+int eipWorkerAsk(eipWorker *w, eipWriter *message, eipAnswer *answer);
+
+/* Several services of which the i-th is `put(w, message, i, arg)`: their answers go to
+ * `take(w, i, answer, arg)`. One goes by itself, unless `always`. Returns as eipWorkerAsk. */
+int eipWorkerAskMany(eipWorker *w, unsigned count, int always,
+                     void (*put)(eipWorker *w, eipWriter *m, unsigned i, void *arg),
+                     void (*take)(eipWorker *w, unsigned i, const eipAnswer *answer,
+                                  void *arg),
+                     void *arg);
+
+/* "PLC: no such tag (05)" */
+void eipWorkerReason(const eipAnswer *answer, char reason[PLC_REASON_SIZE]);
+
+/* The place of a wish has no value, for this reason. */
+void eipWorkerBad(eipWorker *w, const eipWant *want, const char *reason);
+/* The wishes of a tag. */
+void eipWorkerTagBad(eipWorker *w, const eipTag *tag, const char *reason);
+
+/* --- eipLearn.c --------------------------------------------------------------------------- */
+
+/* All tags of a new session, or of a new program, are to be learned. */
+void eipLearnBegin(eipWorker *w);
+/* The next message that is due for that. Returns 1: it was sent, 0: none is due, -1: the
+ * session is over. *next: when to come again, if it is earlier. */
+int eipLearnStep(eipWorker *w, epicsUInt64 now, epicsUInt64 *next);
+/* The list and the templates, and looks whether the program changed. */
+int eipBrowseStep(eipWorker *w, epicsUInt64 now, epicsUInt64 *next);
+void eipBrowseEnd(eipWorker *w);
+
+/* --- eipReads.c --------------------------------------------------------------------------- */
+
+void eipReadsBegin(eipWorker *w);
+/* Units were made anew, or the limits are others. */
+void eipReadsReplan(eipWorker *w);
+int eipReadsStep(eipWorker *w, epicsUInt64 now, epicsUInt64 *next);
+void eipReadsFree(eipWorker *w);
+
+/* Reads a unit by itself, in as many parts as it takes. `from` bytes of it are in w->assembly
+ * already. Returns 0 with *answer (the last one; data in w->assembly, *length) or -1. */
+int eipReadWhole(eipWorker *w, const eipUnit *u, size_t from, eipAnswer *answer,
+                 eipData *data);
+
+/* --- eipWrites.c -------------------------------------------------------------------------- */
+
+/* Writes what is ordered. Returns 0, or -1: the session is over. */
+int eipWriteAll(eipWorker *w);
+
+#endif /* INC_eipWorkerPvt_H */

@@ -1,0 +1,517 @@
+/* What was put: which services write it, and what becomes of their answers; see eipWorkerPvt.h.
+ * All functions run in the worker's thread.
+ *
+ * A value that was put whole is written as an element, several beside each other as one
+ * service; single bits by read-modify-write, so that nothing else of the element changes.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include <cantProceed.h>
+#include <epicsStdio.h>
+
+#include "eipWorkerPvt.h"
+
+enum {
+    isSure = 2,
+    writeHead = 2 + 2 + 2, /* service, type, count */
+    valueRoom = 1 << 16
+};
+
+typedef enum { itemElements, itemBits, itemText, itemArray } itemKind;
+
+/* What one service writes. */
+typedef struct item {
+    itemKind kind;
+    unsigned tag, want, wants; /* wishes, one after the other */
+    epicsUInt32 index;
+    epicsUInt8 *bytes;  /* of the tag's type; itemBits: the bits, then which of them */
+    size_t length;
+    unsigned count;     /* elements */
+} item;
+
+typedef struct batch {
+    item *items;
+    unsigned count, room;
+    unsigned from, sent; /* of the message that is under way */
+} batch;
+
+/* --- What is ordered -------------------------------------------------------------------------- */
+
+/* Bits of the orders that this wish has. */
+static int hasOrder(const eipWorker *w, const eipWant *want)
+{
+    size_t i;
+
+    for (i = 0; i < want->room; i++)
+        if (w->leaving[want->place + i])
+            return 1;
+    return 0;
+}
+
+/* The order of a wish is through: written, or refused for a reason. */
+static void settle(eipWorker *w, const eipWant *want, const char *reason)
+{
+    epicsUInt8 *mask = w->leaving + want->place;
+    int changed;
+
+    if (reason)
+        changed = plcFaultsSet(w->setup.outFaults, want->place, want->room, mask, reason);
+    else
+        changed = plcFaultsClear(w->setup.outFaults, want->place, want->room, mask);
+    memset(mask, 0, want->room);
+    if (!eipWorkerEnter(w))
+        return;
+    w->news.outFaults |= changed;
+    w->hasNews = 1;
+    epicsMutexUnlock(w->lock);
+}
+
+static item *addItem(batch *b, itemKind kind, unsigned tag, unsigned want,
+                     const eipWant *wish, size_t length)
+{
+    item *it;
+
+    if (b->count == b->room) {
+        b->room = b->room * 2 + 16;
+        b->items = realloc(b->items, b->room * sizeof(*b->items));
+        if (!b->items)
+            cantProceed("etherip: no memory for %u writes\n", b->room);
+    }
+    it = &b->items[b->count++];
+    *it = (item){kind, tag, want, 1, wish->index, NULL, length, 1};
+    it->bytes = callocMustSucceed(1, length + 8, "etherip");
+    return it;
+}
+
+/* The number that stands in a cell of the orders. */
+static eipNumber numberOf(const epicsUInt8 *place)
+{
+    epicsUInt64 bits = eipGetUnsigned(place + eipPlaceHead, 8);
+    eipNumber number = {(eipKind)place[eipPlaceKindAt], {0}};
+
+    if (number.kind != eipReal && number.kind != eipUnsigned)
+        number.kind = eipSigned;
+    memcpy(&number.u, &bits, sizeof(bits));
+    return number;
+}
+
+/* Joins the element to the item before, when it follows it. */
+static int join(eipWorker *w, batch *b, unsigned tag, unsigned want, const epicsUInt8 *raw,
+                unsigned size)
+{
+    item *it = b->count ? &b->items[b->count - 1] : NULL;
+    unsigned fits = w->limits.room - writeHead - 2 -
+                    (unsigned)eipPathBytes(w->tags.tags[tag].base, w->tags.tags[tag].instance) -
+                    6;
+
+    if (!it || it->kind != itemElements || it->tag != tag || it->want + it->wants != want ||
+        it->index + it->count != w->tags.wants[want].index ||
+        it->length + size > fits)
+        return 0;
+    it->bytes = realloc(it->bytes, it->length + size + 8);
+    if (!it->bytes)
+        cantProceed("etherip: no memory for a write\n");
+    memcpy(it->bytes + it->length, raw, size);
+    it->length += size;
+    it->count++;
+    it->wants++;
+    return 1;
+}
+
+static const char *noFit(eipWorker *w, const eipType *type)
+{
+    epicsSnprintf(w->noFit, sizeof(w->noFit), "the value does not fit %.12s", type->name);
+    return w->noFit;
+}
+
+/* A cell: a whole number, or some bits of it. Returns why not, or NULL. */
+static const char *cellItem(eipWorker *w, batch *b, unsigned tag, unsigned want)
+{
+    const eipWant *wish = &w->tags.wants[want];
+    const eipTag *t = &w->tags.tags[tag];
+    const eipType *type = eipTypeOf(t->code);
+    const epicsUInt8 *mask = w->leaving + wish->place, *place = w->values + wish->place;
+    eipNumber number = numberOf(place);
+    epicsUInt8 raw[8];
+    item *it;
+
+    if (!type || !type->size)
+        return "the tag is no number";
+    if (mask[eipPlaceKindAt] || type->code == eipBool) {
+        if (!mask[eipPlaceKindAt])
+            number.u.integer &= (epicsInt64)eipGetUnsigned(mask + eipPlaceHead, 8);
+        if (eipNumberPut(type, raw, &number))
+            return noFit(w, type);
+        if (!wish->alone && join(w, b, tag, want, raw, type->size))
+            return NULL;
+        it = addItem(b, itemElements, tag, want, wish, type->size);
+        memcpy(it->bytes, raw, type->size);
+        return NULL;
+    }
+    if (type->kind == eipReal)
+        return "a real number has no bits";
+    it = addItem(b, itemBits, tag, want, wish, 2 * type->size);
+    memcpy(it->bytes, place + eipPlaceHead, type->size);
+    memcpy(it->bytes + type->size, mask + eipPlaceHead, type->size);
+    return NULL;
+}
+
+/* Strings are written whole: what is behind the text is 0. */
+static const char *textItem(eipWorker *w, batch *b, unsigned tag, unsigned want)
+{
+    const eipWant *wish = &w->tags.wants[want];
+    const eipTag *t = &w->tags.tags[tag];
+    const eipType *type = eipTypeOf(t->code);
+    const epicsUInt8 *place = w->values + wish->place;
+    size_t n = (size_t)eipGetUnsigned(place + eipPlaceCountAt, 4);
+    size_t length = t->code == eipStructureCode ? t->size : n + 2;
+    item *it;
+
+    if (!type || type->size)
+        return "the tag is no string";
+    if (n > wish->room - eipPlaceHead)
+        n = wish->room - eipPlaceHead;
+    it = addItem(b, itemText, tag, want, wish, length);
+    it->length = eipTextPut(t->code, it->bytes, length, t->characters,
+                            (const char *)place + eipPlaceHead, n);
+    if (it->length)
+        return NULL;
+    free(it->bytes);
+    b->count--;
+    return "the text is too long for the tag";
+}
+
+/* An array, element by element, from the type of the record to that of the tag. */
+static const char *arrayItem(eipWorker *w, batch *b, unsigned tag, unsigned want)
+{
+    const eipWant *wish = &w->tags.wants[want];
+    const eipTag *t = &w->tags.tags[tag];
+    const eipType *type = eipTypeOf(t->code);
+    const epicsUInt8 *place = w->values + wish->place;
+    size_t n = (size_t)eipGetUnsigned(place + eipPlaceCountAt, 4), i;
+    eipType from = {"", 0, (eipKind)place[eipPlaceKindAt], place[eipPlaceSizeAt]};
+    item *it;
+
+    if (!type || !type->size)
+        return "the tag is no array of numbers";
+    if (!from.size || from.size > 8 || n > (wish->room - eipPlaceHead) / from.size)
+        return "no array was put";
+    it = addItem(b, itemArray, tag, want, wish, n * type->size);
+    it->count = (unsigned)n;
+    for (i = 0; i < n; i++) {
+        eipNumber number;
+
+        eipNumberGet(&from, place + eipPlaceHead + i * from.size, &number);
+        if (eipNumberPut(type, it->bytes + i * type->size, &number)) {
+            free(it->bytes);
+            b->count--;
+            return noFit(w, type);
+        }
+    }
+    return NULL;
+}
+
+/* What is ordered of one tag. */
+static void tagItems(eipWorker *w, batch *b, unsigned tag)
+{
+    const eipTag *t = &w->tags.tags[tag];
+    unsigned i;
+
+    for (i = t->from; i < t->from + t->wants; i++) {
+        const eipWant *want = &w->tags.wants[i];
+        const char *why;
+
+        if (!hasOrder(w, want))
+            continue;
+        if (t->state == eipTagBad)
+            why = t->reason;
+        else if (want->kind == eipCell)
+            why = cellItem(w, b, tag, i);
+        else
+            why = want->kind == eipTextPlace ? textItem(w, b, tag, i)
+                                             : arrayItem(w, b, tag, i);
+        if (why)
+            settle(w, want, why);
+    }
+}
+
+/* Takes what is ordered, but for tags of which nothing is known yet. Returns 0 when it is
+ * nothing. */
+static int takeOrders(eipWorker *w)
+{
+    unsigned i;
+    size_t k;
+    int some = 0, later = 0;
+
+    if (!eipWorkerEnter(w))
+        return 0;
+    for (i = 0; w->ordered && i < w->tags.wantCount; i++) {
+        const eipWant *want = &w->tags.wants[i];
+
+        for (k = want->place; k < want->place + want->room; k++)
+            some |= w->owed[k];
+    }
+    w->ordered = 0;
+    for (i = 0; some && i < w->tags.tagCount; i++) {
+        const eipTag *t = &w->tags.tags[i];
+        unsigned n;
+
+        for (n = t->from; n < t->from + t->wants; n++) {
+            const eipWant *want = &w->tags.wants[n];
+
+            for (k = want->place; k < want->place + want->room; k++) {
+                if (!w->owed[k])
+                    continue;
+                if (t->state == eipTagNew) {
+                    later = 1;
+                    continue;
+                }
+                w->leaving[k] |= w->owed[k];
+                w->values[k] = w->order[k];
+                w->owed[k] = 0;
+            }
+        }
+    }
+    w->ordered = later;
+    w->writing = some;
+    epicsMutexUnlock(w->lock);
+    return some;
+}
+
+/* --- Messages --------------------------------------------------------------------------------- */
+
+static void putType(eipWriter *m, const eipTag *tag)
+{
+    eipPut16(m, tag->code);
+    if (tag->code == eipStructureCode)
+        eipPut16(m, tag->handle);
+}
+
+static void putItem(eipWorker *w, eipWriter *m, unsigned i, void *arg)
+{
+    const batch *b = arg;
+    const item *it = &b->items[b->from + i];
+    const eipTag *tag = &w->tags.tags[it->tag];
+    size_t size = it->length / 2, k;
+
+    if (it->kind == itemBits) {
+        eipTagPathPut(m, tag, it->index, eipReadModifyWrite);
+        eipPut16(m, (unsigned)size);
+        for (k = 0; k < size; k++) /* v = (v | or) & and */
+            eipPut8(m, it->bytes[k] & it->bytes[size + k]);
+        for (k = 0; k < size; k++)
+            eipPut8(m, (it->bytes[k] | (epicsUInt8)~it->bytes[size + k]) & 0xff);
+        return;
+    }
+    eipTagPathPut(m, tag, it->index, eipWriteTag);
+    putType(m, tag);
+    eipPut16(m, it->count);
+    eipPutBytes(m, it->bytes, it->length);
+}
+
+/* Of the request, its data, and the answer. */
+static eipLoad loadOf(const eipWorker *w, const item *it)
+{
+    const eipTag *tag = &w->tags.tags[it->tag];
+
+    return (eipLoad){
+        writeHead + 2 + (unsigned)(eipPathBytes(tag->base, tag->instance) +
+                                   (it->index ? eipIndexBytes(it->index) : 0) + it->length),
+        eipAnswerHead + 4};
+}
+
+static void settleItem(eipWorker *w, const item *it, const char *reason)
+{
+    unsigned i;
+
+    for (i = it->want; i < it->want + it->wants; i++)
+        settle(w, &w->tags.wants[i], reason);
+    if (!reason && eipWorkerEnter(w)) {
+        w->news.writes++;
+        epicsMutexUnlock(w->lock);
+    }
+}
+
+/* A PLC that knows no read-modify-write: the element is read, and written with its new bits. */
+static int writeBits(eipWorker *w, const item *it)
+{
+    const eipTag *tag = &w->tags.tags[it->tag];
+    size_t size = it->length / 2, k;
+    epicsUInt8 raw[8];
+    eipWriter m = eipWorkerWriter(w);
+    eipAnswer answer;
+    eipData data;
+    char reason[PLC_REASON_SIZE];
+
+    eipTagPathPut(&m, tag, it->index, eipReadTag);
+    eipPut16(&m, 1);
+    if (eipWorkerAsk(w, &m, &answer))
+        return -1;
+    if (!answer.status && (eipDataTake(&answer, &data) || data.length != size))
+        answer.status = eipGeneral;
+    if (!answer.status) {
+        for (k = 0; k < size; k++)
+            raw[k] = (epicsUInt8)((data.bytes[k] & ~it->bytes[size + k]) |
+                                  (it->bytes[k] & it->bytes[size + k]));
+        m = eipWorkerWriter(w);
+        eipTagPathPut(&m, tag, it->index, eipWriteTag);
+        putType(&m, tag);
+        eipPut16(&m, 1);
+        eipPutBytes(&m, raw, size);
+        if (eipWorkerAsk(w, &m, &answer))
+            return -1;
+    }
+    eipWorkerReason(&answer, reason);
+    settleItem(w, it, answer.status ? reason : NULL);
+    return 0;
+}
+
+/* More than fits a message: piece by piece, whole elements. */
+static int writeLong(eipWorker *w, const item *it)
+{
+    const eipTag *tag = &w->tags.tags[it->tag];
+    eipLoad load = loadOf(w, it);
+    size_t most = w->limits.room - (load.request - it->length) - 4, at = 0;
+    eipAnswer answer = {0};
+    char reason[PLC_REASON_SIZE];
+
+    most -= most % 8;
+    while (at < it->length && !answer.status) {
+        size_t n = it->length - at < most ? it->length - at : most;
+        eipWriter m = eipWorkerWriter(w);
+
+        eipTagPathPut(&m, tag, it->index, eipWriteFragment);
+        putType(&m, tag);
+        eipPut16(&m, it->count);
+        eipPut32(&m, (epicsUInt32)at);
+        eipPutBytes(&m, it->bytes + at, n);
+        if (eipWorkerAsk(w, &m, &answer))
+            return -1;
+        at += n;
+    }
+    eipWorkerReason(&answer, reason);
+    settleItem(w, it, answer.status ? reason : NULL);
+    return 0;
+}
+
+/* Several elements of which the PLC refused one are written one by one. */
+static int writeApart(eipWorker *w, const item *it)
+{
+    size_t size = it->length / it->count;
+    unsigned i;
+
+    for (i = 0; i < it->wants; i++) {
+        item one = *it;
+        batch b = {&one, 1, 1, 0, 0};
+        eipWriter m = eipWorkerWriter(w);
+        eipAnswer answer;
+        char reason[PLC_REASON_SIZE];
+
+        one.want += i;
+        one.wants = one.count = 1;
+        one.index += i;
+        one.bytes += i * size;
+        one.length = size;
+        putItem(w, &m, 0, &b);
+        if (eipWorkerAsk(w, &m, &answer))
+            return -1;
+        eipWorkerReason(&answer, reason);
+        settleItem(w, &one, answer.status ? reason : NULL);
+    }
+    return 0;
+}
+
+static void takeItem(eipWorker *w, unsigned i, const eipAnswer *answer, void *arg)
+{
+    batch *b = arg;
+    const item *it = &b->items[b->from + i];
+    char reason[PLC_REASON_SIZE];
+
+    b->sent = 1;
+    if (it->kind == itemBits && answer->status == eipNoService) {
+        w->noModify = isSure;
+        writeBits(w, it);
+        return;
+    }
+    if (answer->status == eipGeneral && answer->extended == eipExtType) {
+        w->tags.tags[it->tag].state = eipTagNew; /* it is another one now */
+        w->tags.unknown++;
+    }
+    if (answer->status && it->kind == itemElements && it->wants > 1) {
+        writeApart(w, it);
+        return;
+    }
+    eipWorkerReason(answer, reason);
+    if (answer->status)
+        eipWorkerNote(w, "write of %.50s: %s", w->tags.tags[it->tag].base, reason);
+    settleItem(w, it, answer->status ? reason : NULL);
+}
+
+static int sendBatch(eipWorker *w, batch *b)
+{
+    eipLoad *loads = callocMustSucceed(b->count + 1, sizeof(*loads), "etherip");
+    unsigned *bins = callocMustSucceed(b->count + 1, sizeof(*bins), "etherip");
+    unsigned i, n;
+    int status = 0;
+
+    for (i = 0; i < b->count; i++)
+        loads[i] = loadOf(w, &b->items[i]);
+    eipPack(loads, b->count, &w->limits, 1, bins);
+    for (b->from = 0; b->from < b->count && !status; b->from += n) {
+        const item *it = &b->items[b->from];
+
+        for (n = 1; b->from + n < b->count && bins[b->from + n] == bins[b->from]; n++)
+            if (w->noModify >= isSure && b->items[b->from + n].kind == itemBits)
+                break;
+        if (it->kind == itemBits && w->noModify >= isSure) {
+            n = 1;
+            status = writeBits(w, it);
+        } else if (!eipFitsAlone(&loads[b->from], &w->limits)) {
+            n = 1;
+            status = writeLong(w, it);
+        } else {
+            for (i = b->from; i < b->from + n; i++)
+                if (b->items[i].kind == itemBits)
+                    w->asking = eipAskModify;
+            b->sent = 0;
+            status = eipWorkerAskMany(w, n, 0, putItem, takeItem, b);
+            if (!status && !b->sent) /* not in one message: each in its own */
+                for (i = 0; i < b->count; i++)
+                    bins[i] = i;
+            if (!status && !b->sent)
+                n = 0;
+        }
+    }
+    free(loads);
+    free(bins);
+    return status;
+}
+
+static void freeBatch(batch *b)
+{
+    unsigned i;
+
+    for (i = 0; i < b->count; i++)
+        free(b->items[i].bytes);
+    free(b->items);
+}
+
+int eipWriteAll(eipWorker *w)
+{
+    batch b = {0};
+    unsigned i;
+    int status;
+
+    if (!w->taught || !takeOrders(w))
+        return 0;
+    for (i = 0; i < w->tags.tagCount; i++)
+        tagItems(w, &b, i);
+    status = b.count ? sendBatch(w, &b) : 0;
+    freeBatch(&b);
+    if (eipWorkerEnter(w)) {
+        w->writing = 0;
+        eipWorkerTell(w);
+    }
+    return status;
+}
