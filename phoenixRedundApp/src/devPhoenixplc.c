@@ -259,12 +259,12 @@ static dsxt extension = {addRecord, delRecord};
 
 static long init(int after)
 {
-    running = after;
-    if (after)
-        return 0;
-    if (!neverScan)
+    /* after an IOC that has ended its scan lists are gone */
+    if (!after && (running || !neverScan))
         scanIoInit(&neverScan);
-    devExtend(&extension);
+    if (!after)
+        devExtend(&extension);
+    running = after;
     return 0;
 }
 

@@ -112,10 +112,7 @@ static void hook(initHookState state)
 
 static long init(void)
 {
-    static int once;
-
-    if (!once++)
-        initHookRegister(hook);
+    initHookRegister(hook); /* each IOC anew: an ended one has dropped its hooks */
     return 0;
 }
 

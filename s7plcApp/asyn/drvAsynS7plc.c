@@ -1,6 +1,7 @@
 /* The command drvAsynS7plcConfigure: a station as an asyn port. */
 #include <stdio.h>
 
+#include <drvSup.h>
 #include <epicsStdlib.h>
 #include <errlog.h>
 #include <iocsh.h>
@@ -49,4 +50,23 @@ static void s7plcAsynRegister(void)
     iocshRegister(&configureDef, configureCall);
 }
 
+/* --- Driver entry ----------------------------------------------------------------- */
+
+static long init(void)
+{
+    plcAsynPortsBegin();
+    return 0;
+}
+
+/* dbior */
+static long report(int level)
+{
+    (void)level; /* asynReport says more */
+    plcAsynPortsReport(stdout);
+    return 0;
+}
+
+static drvet s7plcAsyn = {2, (DRVSUPFUN)report, (DRVSUPFUN)init};
+
+epicsExportAddress(drvet, s7plcAsyn);
 epicsExportRegistrar(s7plcAsynRegister);

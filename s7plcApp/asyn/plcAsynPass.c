@@ -15,8 +15,8 @@
 #include "plcAsynPort.h"
 
 #define PORTION 300     /* callbacks before the queues are looked at */
-#define CANCEL_WAIT 1.0 /* s; see plcAsynLeave */
-#define NEVER ((epicsUInt64) - 1)
+#define CANCEL_NS 1000000000u /* see plcAsynLeave */
+#define NEVER PLC_WAKE_NEVER
 #define SETTLE_NS 100000000u    /* see isSettled */
 #define PATIENCE_NS 1000000000u /* beyond sendInterval, until the PLC shows a write */
 
@@ -42,8 +42,8 @@ static void delivered(void *pvt, const void *block, const epicsTimeStamp *stamp)
     port->fresh = 1;
     epicsMutexUnlock(port->arrived);
     if (!running)
-        epicsEventSignal(port->first);
-    epicsEventSignal(port->wake);
+        plcAsynFirst();
+    plcWakeUp(&port->wake);
 }
 
 static void sent(void *pvt, const void *block)
@@ -52,7 +52,7 @@ static void sent(void *pvt, const void *block)
 
     plcAsynTraceBytes(port->trace, ASYN_TRACEIO_DRIVER, block,
                       plcStationOutSize(port->station), "out");
-    epicsEventSignal(port->wake); /* other records may have changed the output image */
+    plcWakeUp(&port->wake); /* other records may have changed the output image */
 }
 
 static void changed(void *pvt)
@@ -70,10 +70,14 @@ static void changed(void *pvt)
     if (!connected)
         port->dropped = 1;
     epicsMutexUnlock(port->arrived);
-    epicsEventSignal(port->wake);
+    plcWakeUp(&port->wake);
 }
 
-const plcListener plcAsynListener = {received, delivered, sent, changed};
+const plcListener plcAsynListener = {.received = received,
+                                     .delivered = delivered,
+                                     .sent = sent,
+                                     .changed = changed,
+                                     .gone = plcAsynGone};
 
 /* --- Who is called back ---------------------------------------------------------- */
 
@@ -123,7 +127,7 @@ asynStatus plcAsynJoin(plcAsynPort *port, asynUser *user, plcAsynFace face,
     ellAdd(&port->users, &u->node);
     ellAdd(&view->place->users, &u->atPlace);
     epicsMutexUnlock(port->lock);
-    epicsEventSignal(port->wake);
+    plcWakeUp(&port->wake);
     return asynSuccess;
 }
 
@@ -134,10 +138,23 @@ static void freeUser(plcAsynUser *u)
     free(u);
 }
 
+void plcAsynForgetUsers(plcAsynPort *port)
+{
+    ELLNODE *node;
+
+    while ((node = ellGet(&port->users))) {
+        plcAsynUser *u = CONTAINER(node, plcAsynUser, node);
+
+        ellDelete(&u->view->place->users, &u->atPlace);
+        freeUser(u);
+    }
+}
+
 /* When its callback runs just now: waits until it has returned. Not for ever: the
  * callback may itself wait for a record that our caller has locked. */
 asynStatus plcAsynLeave(plcAsynPort *port, asynUser *user, void *registrar)
 {
+    epicsUInt64 until = epicsMonotonicGet() + CANCEL_NS;
     plcAsynUser *u = registrar;
     int busy;
 
@@ -154,7 +171,7 @@ asynStatus plcAsynLeave(plcAsynPort *port, asynUser *user, void *registrar)
     if (!busy)
         freeUser(u);
     while (busy && epicsThreadGetIdSelf() != port->thread) {
-        if (epicsEventWaitWithTimeout(port->released, CANCEL_WAIT) != epicsEventWaitOK)
+        if (!plcWakeWait(&port->released, until))
             break;
         epicsMutexMustLock(port->lock);
         busy = port->called == u;
@@ -220,7 +237,7 @@ void plcAsynWriteEnds(plcAsynPort *port, plcAsynView *view, asynUser *user,
     }
     epicsMutexUnlock(port->lock);
     if (wake)
-        epicsEventSignal(port->wake);
+        plcWakeUp(&port->wake);
 }
 
 /* --- A pass ---------------------------------------------------------------------- */
@@ -411,7 +428,7 @@ static int callNext(const pass *p)
     epicsMutexUnlock(port->lock);
     if (gone) {
         freeUser(u);
-        epicsEventSignal(port->released);
+        plcWakeUp(&port->released);
     }
     return 1;
 }
@@ -540,20 +557,6 @@ static void once(plcAsynPort *port)
     runPass(&p);
 }
 
-/* Waits until there is word from the station, or an output has been patient enough. */
-static void waitFor(plcAsynPort *port)
-{
-    epicsUInt64 now;
-
-    if (port->look == NEVER) {
-        epicsEventMustWait(port->wake);
-        return;
-    }
-    now = epicsMonotonicGet();
-    epicsEventWaitWithTimeout(port->wake,
-                              port->look > now ? (port->look - now) * 1e-9 : 0);
-}
-
 void plcAsynThread(void *arg)
 {
     plcAsynPort *port = arg;
@@ -566,11 +569,12 @@ void plcAsynThread(void *arg)
     }
     port->look = NEVER;
     for (;;) {
-        waitFor(port);
+        /* word from the station, or an output has been patient enough */
+        plcWakeWait(&port->wake, port->look);
         if (epicsAtomicGetIntT(&port->stop))
             break;
         if (epicsAtomicGetIntT(&port->running))
             once(port);
     }
-    epicsEventSignal(port->ended);
+    plcAsynThreadEnds(port);
 }

@@ -10,15 +10,22 @@
 #include <epicsStdio.h>
 #include <epicsString.h>
 #include <epicsTime.h>
+#include <epicsVersion.h>
 #include <errlog.h>
 #include <initHooks.h>
 
 #include "plcAsynPort.h"
 
 static ELLLIST ports = ELLLIST_INIT; /* only grows; by the thread that runs st.cmd */
-static epicsMutexId waitLock;        /* guards waitUntil and waitLeft */
-static epicsUInt64 waitUntil;        /* until then iocInit may wait; ns, 0: not begun */
-static double waitAtMost;            /* ms */
+static epicsThreadOnceId onceId = EPICS_THREAD_ONCE_INIT;
+static plcWake someEnded;     /* a thread has ended */
+static plcWake first;         /* a block came, before iocInit was over */
+static epicsMutexId waitLock; /* guards waitUntil */
+static epicsUInt64 waitUntil; /* until then iocInit may wait; ns, 0: not begun */
+static double waitAtMost;     /* ms */
+
+/* All threads together may take so long to end, ms. */
+#define STOP_MS 5000
 
 /* --- drvInfo --------------------------------------------------------------------- */
 
@@ -42,6 +49,8 @@ static asynStatus userCreate(void *pvt, asynUser *user, const char *text,
     int addr = 0;
 
     (void)typeName, (void)size;
+    if (!port->station)
+        return plcAsynFail(user, asynError, LINK_ALARM, "%s: its IOC has ended", port->name);
     pasynManager->getAddr(user, &addr);
     if (addr > 0)
         return plcAsynFail(user, asynError, LINK_ALARM,
@@ -106,6 +115,11 @@ plcAsynView *plcAsynViewOf(plcAsynPort *port, asynUser *user, plcAsynFace face)
                     "%s: no drvInfo; needed: [in|out] offset T=type", port->name);
         return NULL;
     }
+    if (!place->station) {
+        plcAsynFail(user, asynError, LINK_ALARM, "%s \"%s\": its IOC has ended", port->name,
+                    place->text);
+        return NULL;
+    }
     epicsMutexMustLock(port->lock);
     isNew = !place->views[face];
     view = plcAsynPlaceView(place, face, port->name);
@@ -148,7 +162,7 @@ void plcAsynWaitFirst(plcAsynPort *port, const plcAsynView *view)
         epicsMutexUnlock(waitLock);
         if (now >= until)
             return;
-        epicsEventWaitWithTimeout(port->first, (until - now) * 1e-9);
+        plcWakeWait(&first, until);
     }
 }
 
@@ -172,8 +186,11 @@ static asynStatus commonConnect(void *pvt, asynUser *user)
         pasynManager->exceptionConnect(user);
         return asynSuccess;
     }
+    if (!port->station)
+        return plcAsynFail(user, asynDisconnected, COMM_ALARM, "%s: its IOC has ended",
+                           port->name);
     epicsAtomicSetIntT(&port->off, 0);
-    epicsEventSignal(port->wake);
+    plcWakeUp(&port->wake);
     if (plcStationConnected(port->station, reason))
         return asynSuccess;
     return plcAsynFail(user, asynDisconnected, COMM_ALARM, "%s: %s; the driver tries on",
@@ -190,7 +207,7 @@ static asynStatus commonDisconnect(void *pvt, asynUser *user)
                            "%s: only the device at address 0 can be disconnected",
                            port->name);
     epicsAtomicSetIntT(&port->off, 1);
-    epicsEventSignal(port->wake);
+    plcWakeUp(&port->wake);
     return asynSuccess;
 }
 
@@ -214,6 +231,10 @@ static void commonReport(void *pvt, FILE *file, int details)
     int places, users;
     ELLNODE *node;
 
+    if (!port->station) {
+        fprintf(file, "    its IOC has ended\n");
+        return;
+    }
     epicsMutexMustLock(port->arrived);
     coalesced = port->coalesced;
     epicsMutexUnlock(port->arrived);
@@ -248,39 +269,118 @@ static asynCommon commonMethods = {commonReport, commonConnect, commonDisconnect
 
 /* --- Life ------------------------------------------------------------------------ */
 
-static void stopAll(void *arg)
+static void initOnce(void *arg)
 {
+    (void)arg;
+    waitLock = epicsMutexMustCreate();
+    (void)plcWakeInit(&someEnded);
+    (void)plcWakeInit(&first);
+}
+
+void plcAsynFirst(void)
+{
+    plcWakeUp(&first);
+}
+
+void plcAsynThreadEnds(plcAsynPort *port)
+{
+    epicsEventSignal(port->ended);
+    plcWakeUp(&someEnded);
+}
+
+static void startPort(plcAsynPort *port)
+{
+    if (!port->station || port->thread)
+        return;
+    epicsAtomicSetIntT(&port->stop, 0);
+    epicsAtomicSetIntT(&port->running, 0);
+    port->thread = epicsThreadCreate(port->name, epicsThreadPriorityMedium,
+                                     epicsThreadGetStackSize(epicsThreadStackMedium),
+                                     plcAsynThread, port);
+    if (!port->thread)
+        errlogSevPrintf(errlogFatal, "s7plcAsyn %s: cannot start its thread\n", port->name);
+    plcAsynTraceStart(port->trace);
+}
+
+static void stopAll(void)
+{
+    epicsUInt64 deadline = epicsMonotonicGet() + STOP_MS * 1000000ull;
     ELLNODE *node;
 
-    (void)arg;
     for (node = ellFirst(&ports); node; node = ellNext(node)) {
         plcAsynPort *port = CONTAINER(node, plcAsynPort, node);
 
         epicsAtomicSetIntT(&port->stop, 1);
-        epicsEventSignal(port->wake);
+        plcWakeUp(&port->wake);
         epicsEventSignal(port->drained);
     }
     for (node = ellFirst(&ports); node; node = ellNext(node)) {
         plcAsynPort *port = CONTAINER(node, plcAsynPort, node);
 
-        epicsEventMustWait(port->ended);
-        plcAsynTraceStop(port->trace);
+        if (!port->thread)
+            continue;
+        if (plcWakeJoin(&someEnded, port->ended, deadline))
+            errlogSevPrintf(errlogMajor,
+                            "s7plcAsyn %s: its thread does not end: does it wait for a "
+                            "record?\n",
+                            port->name);
+        else
+            port->thread = NULL;
+        plcAsynTraceStop(port->trace, &someEnded, deadline);
     }
 }
+
+/* The end comes while there still are records; see drvS7plc.c. */
+#if EPICS_VERSION_INT >= VERSION_INT(7, 0, 4, 0)
+#define HAVE_SHUTDOWN_HOOK
+#else
+static void stop(void *arg)
+{
+    (void)arg;
+    stopAll();
+}
+#endif
 
 static void hook(initHookState state)
 {
     ELLNODE *node;
 
+#ifdef HAVE_SHUTDOWN_HOOK
+    if (state == initHookAtShutdown)
+        stopAll();
+#else
     if (state == initHookAfterInitDatabase)
-        epicsAtExit(stopAll, NULL);
+        epicsAtExit(stop, NULL);
+#endif
     if (state != initHookAfterIocRunning)
         return;
     for (node = ellFirst(&ports); node; node = ellNext(node)) {
         plcAsynPort *port = CONTAINER(node, plcAsynPort, node);
 
         epicsAtomicSetIntT(&port->running, 1);
-        epicsEventSignal(port->wake);
+        plcWakeUp(&port->wake);
+    }
+}
+
+void plcAsynPortsBegin(void)
+{
+    ELLNODE *node;
+
+    initHookRegister(hook); /* each IOC anew: an ended one has dropped its hooks */
+    waitUntil = 0;
+    for (node = ellFirst(&ports); node; node = ellNext(node))
+        startPort(CONTAINER(node, plcAsynPort, node));
+}
+
+void plcAsynPortsReport(FILE *file)
+{
+    ELLNODE *node;
+
+    for (node = ellFirst(&ports); node; node = ellNext(node)) {
+        plcAsynPort *port = CONTAINER(node, plcAsynPort, node);
+
+        fprintf(file, "  %s: PLC %s\n", port->name,
+                port->station ? plcStationName(port->station) : "none, its IOC has ended");
     }
 }
 
@@ -291,6 +391,7 @@ static int registerPort(plcAsynPort *port)
 
     if (pasynManager->registerPort(port->name, ASYN_MULTIDEVICE, 1, 0, 0) != asynSuccess)
         return -1;
+    port->known = 1;
     port->common.interfaceType = asynCommonType;
     port->common.pinterface = &commonMethods;
     port->common.drvPvt = port;
@@ -309,6 +410,7 @@ static int registerPort(plcAsynPort *port)
     return 0;
 }
 
+/* For the blocks of its station. */
 static void makeBuffers(plcAsynPort *port)
 {
     size_t in = plcStationInSize(port->station), out = plcStationOutSize(port->station);
@@ -317,13 +419,38 @@ static void makeBuffers(plcAsynPort *port)
     port->block = callocMustSucceed(1, in + 1, "plcAsynPort");
     port->before = callocMustSucceed(1, in + 1, "plcAsynPort");
     port->scratch = callocMustSucceed(1, (in > out ? in : out) + 1, "plcAsynPort");
-    port->lock = epicsMutexMustCreate();
-    port->arrived = epicsMutexMustCreate();
-    port->wake = epicsEventMustCreate(epicsEventEmpty);
-    port->ended = epicsEventMustCreate(epicsEventEmpty);
-    port->first = epicsEventMustCreate(epicsEventEmpty);
-    port->released = epicsEventMustCreate(epicsEventEmpty);
-    port->drained = epicsEventMustCreate(epicsEventEmpty);
+}
+
+static void freeBuffers(plcAsynPort *port)
+{
+    free(port->newest);
+    free(port->block);
+    free(port->before);
+    free(port->scratch);
+    port->newest = port->block = port->before = port->scratch = NULL;
+}
+
+/* asyn knows the port for good; it serves another PLC when a later IOC makes it again. */
+void plcAsynGone(void *pvt)
+{
+    plcAsynPort *port = pvt;
+    ELLNODE *node;
+
+    if (port->thread) { /* it did not end */
+        errlogSevPrintf(errlogFatal, "s7plcAsyn %s: cannot be used again\n", port->name);
+        return;
+    }
+    epicsMutexMustLock(port->lock);
+    plcAsynForgetUsers(port);
+    while ((node = ellGet(&port->places))) {
+        CONTAINER(node, plcAsynPlace, node)->station = NULL;
+        ellAdd(&port->formerPlaces, node);
+    }
+    port->station = NULL;
+    freeBuffers(port);
+    port->fresh = port->lost = port->dropped = port->good = 0;
+    waitAtMost = 0;
+    epicsMutexUnlock(port->lock);
 }
 
 /* What is wrong with the arguments, in words; or NULL. */
@@ -337,19 +464,83 @@ static const char *refuse(const char *name, plcStation *station)
             return "a port name has no blanks, commas or brackets";
     if (!*name)
         return "the name of the port is missing";
-    for (node = ellFirst(&ports); node; node = ellNext(node))
-        if (CONTAINER(node, plcAsynPort, node)->station == station)
+    for (node = ellFirst(&ports); node; node = ellNext(node)) {
+        plcAsynPort *port = CONTAINER(node, plcAsynPort, node);
+
+        if (port->station == station)
             return "this PLC has an asyn port already; a second one would show the same";
+        if (port->station && strcmp(port->name, name) == 0)
+            return "asyn does not take this port name; is it in use?";
+    }
     return NULL;
+}
+
+/* One of an IOC that has ended, or a new one. */
+static plcAsynPort *findPort(const char *name)
+{
+    plcAsynPort *port;
+    ELLNODE *node;
+
+    for (node = ellFirst(&ports); node; node = ellNext(node))
+        if (strcmp(CONTAINER(node, plcAsynPort, node)->name, name) == 0)
+            return CONTAINER(node, plcAsynPort, node);
+    port = callocMustSucceed(1, sizeof(*port), "plcAsynPortCreate");
+    port->name = epicsStrDup(name);
+    port->lock = epicsMutexMustCreate();
+    port->arrived = epicsMutexMustCreate();
+    port->ended = epicsEventMustCreate(epicsEventEmpty);
+    port->drained = epicsEventMustCreate(epicsEventEmpty);
+    if (plcWakeInit(&port->wake) || plcWakeInit(&port->released))
+        errlogSevPrintf(errlogFatal, "s7plcAsyn %s: too many open files in IOC\n", name);
+    return port;
+}
+
+static void freePort(plcAsynPort *port)
+{
+    freeBuffers(port);
+    plcWakeFree(&port->wake);
+    plcWakeFree(&port->released);
+    epicsEventDestroy(port->ended);
+    epicsEventDestroy(port->drained);
+    epicsMutexDestroy(port->lock);
+    epicsMutexDestroy(port->arrived);
+    free(port->name);
+    free(port);
+}
+
+/* Binds station and port to each other. Returns NULL, or what is wrong in words: then the port
+ * is freed, unless asyn knows it. */
+static const char *bindPort(plcAsynPort *port, plcStation *station)
+{
+    const char *error = NULL;
+    int isNew = !port->trace;
+
+    port->station = station;
+    makeBuffers(port);
+    if (plcStationListen(station, &plcAsynListener, port)) {
+        error = "comes before iocInit";
+    } else if (isNew && registerPort(port)) {
+        plcStationListen(station, NULL, NULL);
+        error = "asyn does not take this port name; is it in use?";
+    } else if (isNew) {
+        ellAdd(&ports, &port->node);
+    }
+    if (!error)
+        return NULL;
+    freeBuffers(port);
+    port->station = NULL;
+    if (!port->known)
+        freePort(port);
+    return error;
 }
 
 int plcAsynPortCreate(const char *name, const char *stationName, double initialWait)
 {
     plcStation *station = plcStationFind(stationName);
     char names[400];
-    plcAsynPort *port;
     const char *error;
 
+    epicsThreadOnce(&onceId, initOnce, NULL);
     if (!station) {
         plcStationNames(names, sizeof(names));
         errlogSevPrintf(errlogMajor,
@@ -358,37 +549,14 @@ int plcAsynPortCreate(const char *name, const char *stationName, double initialW
         return -1;
     }
     error = refuse(name, station);
+    if (!error)
+        error = bindPort(findPort(name), station);
     if (error) {
         errlogSevPrintf(errlogMajor, "drvAsynS7plcConfigure %s %s: %s\n", name,
                         stationName, error);
         return -1;
     }
-    port = callocMustSucceed(1, sizeof(*port), "plcAsynPortCreate");
-    port->name = epicsStrDup(name);
-    port->station = station;
-    makeBuffers(port);
-    if (plcStationListen(station, &plcAsynListener, port)) {
-        errlogSevPrintf(errlogMajor,
-                        "drvAsynS7plcConfigure %s %s: comes before iocInit\n", name,
-                        stationName);
-        return -1; /* what was made is little, and asyn cannot forget a port */
-    }
-    if (registerPort(port)) {
-        errlogSevPrintf(errlogMajor,
-                        "drvAsynS7plcConfigure %s %s: asyn does not take this "
-                        "port name; is it in use?\n",
-                        name, stationName);
-        return -1;
-    }
-    if (!waitLock) {
-        waitLock = epicsMutexMustCreate();
-        initHookRegister(hook);
-    }
     if (initialWait > waitAtMost)
         waitAtMost = initialWait;
-    ellAdd(&ports, &port->node);
-    port->thread = epicsThreadMustCreate(name, epicsThreadPriorityMedium,
-                                         epicsThreadGetStackSize(epicsThreadStackMedium),
-                                         plcAsynThread, port);
     return 0;
 }

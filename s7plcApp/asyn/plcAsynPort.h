@@ -28,6 +28,7 @@
 
 #include "plcAsynPlace.h"
 #include "plcAsynTrace.h"
+#include "plcWake.h"
 
 /* asynInt64 came with asyn R4-37. */
 #if ASYN_VERSION > 4 || ASYN_REVISION >= 37
@@ -37,13 +38,15 @@
 typedef struct plcAsynPort {
     ELLNODE node;
     char *name;
-    plcStation *station;
+    plcStation *station; /* NULL: its IOC has ended */
     asynUser *user; /* device 0: exceptions and traces */
+    int known;      /* to asyn, which forgets no port */
     plcAsynTrace *trace;
     asynInterface common, drvUser, faces[plcAsynFaces];
 
     epicsMutexId lock; /* guards from here ... */
     ELLLIST places;
+    ELLLIST formerPlaces;          /* of IOCs that have ended: asynUsers know them */
     ELLLIST users;                 /* plcAsynUser.node */
     struct plcAsynUser *next;      /* the one that the pass looks at next */
     struct plcAsynUser *called;    /* the one that is called back now */
@@ -66,11 +69,11 @@ typedef struct plcAsynPort {
     char *scratch;        /* as large as the larger block */
     asynStatus badStatus; /* while !good: what is told */
 
-    epicsThreadId thread;
-    epicsEventId wake, ended;
-    epicsEventId first;    /* a block came */
-    epicsEventId released; /* a callback returned for which someone waits */
-    epicsEventId drained;  /* marks have passed the callback queues */
+    epicsThreadId thread; /* NULL: between two IOCs */
+    plcWake wake;
+    epicsEventId ended;
+    plcWake released;     /* a callback returned for which someone waits */
+    epicsEventId drained; /* marks have passed the callback queues */
     epicsCallback marks[NUM_CALLBACK_PRIORITIES];
     int marksLeft; /* atomic */
     int running;   /* atomic: iocInit is over */
@@ -118,6 +121,18 @@ plcAsynView *plcAsynViewOf(plcAsynPort *port, asynUser *user, plcAsynFace face);
  */
 void plcAsynWaitFirst(plcAsynPort *port, const plcAsynView *view);
 
+/* For each IOC of this process: it begins. Threads start, hooks are registered. */
+void plcAsynPortsBegin(void);
+
+/* Lines for dbior. */
+void plcAsynPortsReport(FILE *file);
+
+/* The last thing that the thread of a port does. */
+void plcAsynThreadEnds(plcAsynPort *port);
+
+/* Word from the station's thread: a block came, before iocInit was over. */
+void plcAsynFirst(void);
+
 /* --- plcAsynIo.c: reads and writes, in the caller's thread ----------------------- */
 
 /* Registers the interfaces with asyn. Returns 0 or -1. */
@@ -133,6 +148,12 @@ asynStatus plcAsynFail(asynUser *user, asynStatus status, int alarm, const char 
 /* --- plcAsynPass.c: callbacks ---------------------------------------------------- */
 
 extern const plcListener plcAsynListener;
+
+/* Nobody is called back any more: their IOC has ended, and the port's thread. */
+void plcAsynForgetUsers(plcAsynPort *port);
+
+/* The station goes: plcListener.gone. */
+void plcAsynGone(void *port);
 
 /* The thread of the port. */
 void plcAsynThread(void *port);

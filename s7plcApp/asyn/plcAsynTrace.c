@@ -8,6 +8,7 @@
 #include <epicsEvent.h>
 #include <epicsMutex.h>
 #include <epicsStdio.h>
+#include <epicsString.h>
 #include <epicsThread.h>
 #include <epicsTime.h>
 
@@ -27,6 +28,9 @@ typedef struct traceEntry {
 
 struct plcAsynTrace {
     asynUser *user;
+    char *name;
+    int started;
+    plcWake *some; /* for who joins the thread */
     epicsEventId wake, ended;
     epicsMutexId lock; /* guards the rest; held for a copy of a pointer */
     traceEntry *queue[PLC_ASYN_TRACE_ENTRIES];
@@ -86,6 +90,7 @@ static void traceThread(void *arg)
         }
     } while (!stop);
     epicsEventSignal(t->ended);
+    plcWakeUp(t->some);
 }
 
 plcAsynTrace *plcAsynTraceCreate(asynUser *user, const char *name)
@@ -96,18 +101,31 @@ plcAsynTrace *plcAsynTraceCreate(asynUser *user, const char *name)
     t->wake = epicsEventMustCreate(epicsEventEmpty);
     t->ended = epicsEventMustCreate(epicsEventEmpty);
     t->lock = epicsMutexMustCreate();
-    epicsThreadMustCreate(name, epicsThreadPriorityLow,
-                          epicsThreadGetStackSize(epicsThreadStackSmall), traceThread, t);
+    t->name = epicsStrDup(name);
     return t;
 }
 
-void plcAsynTraceStop(plcAsynTrace *t)
+void plcAsynTraceStart(plcAsynTrace *t)
 {
+    if (t->started)
+        return;
+    t->stop = 0;
+    t->started = epicsThreadCreate(t->name, epicsThreadPriorityLow,
+                                   epicsThreadGetStackSize(epicsThreadStackSmall),
+                                   traceThread, t) != NULL;
+}
+
+void plcAsynTraceStop(plcAsynTrace *t, plcWake *some, epicsUInt64 deadline)
+{
+    if (!t->started)
+        return;
     epicsMutexMustLock(t->lock);
     t->stop = 1;
+    t->some = some;
     epicsMutexUnlock(t->lock);
     epicsEventSignal(t->wake);
-    epicsEventMustWait(t->ended);
+    if (plcWakeJoin(some, t->ended, deadline) == 0)
+        t->started = 0;
 }
 
 /* Puts the entry at the end of the queue, or counts it. */

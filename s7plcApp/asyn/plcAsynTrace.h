@@ -12,16 +12,20 @@
 #include <asynDriver.h>
 #include <epicsTypes.h>
 
+#include "plcWake.h"
+
 typedef struct plcAsynTrace plcAsynTrace;
 
 #define PLC_ASYN_TRACE_ENTRIES 256 /* that may wait to be printed */
 
 /* Traces as this asynUser, which is connected to the port: its masks and its file apply.
- * Starts the thread, with this name. */
+ * The thread will have this name. */
 plcAsynTrace *plcAsynTraceCreate(asynUser *user, const char *name);
 
-/* Ends the thread; what waits is printed first. */
-void plcAsynTraceStop(plcAsynTrace *trace);
+/* Starts the thread / ends it; what waits is printed first, as far as there is time: see
+ * plcWakeJoin. Both as often as there is an IOC. */
+void plcAsynTraceStart(plcAsynTrace *trace);
+void plcAsynTraceStop(plcAsynTrace *trace, plcWake *some, epicsUInt64 deadline);
 
 /* Bytes with a heading, when `reason` (ASYN_TRACEIO_DRIVER) is in the mask. Any thread;
  * does not block. Only as many bytes are copied as asynSetTraceIOTruncateSize shows. */

@@ -924,8 +924,11 @@ static void hearChanged(void *pvt)
 
 static void testListener(void)
 {
-    static const plcListener all = {hearReceived, hearDelivered, hearSent, hearChanged};
-    static const plcListener none = {NULL, NULL, NULL, NULL};
+    static const plcListener all = {.received = hearReceived,
+                                     .delivered = hearDelivered,
+                                     .sent = hearSent,
+                                     .changed = hearChanged};
+    static const plcListener none = {.received = NULL};
     unsigned char block[OUT];
     int port = 0, listener = toolListen(&port), fd, before;
     plcStation *s = make("PLC", "127.0.0.1", port, IN, OUT, 60000, 10);
@@ -962,9 +965,67 @@ static void testListener(void)
     end(fd, listener);
 }
 
+/* --- A thread that does not end ------------------------------------------------------*/
+
+static epicsEventId inside, mayGo;
+
+static void waits(void *pvt, const void *block)
+{
+    (void)pvt, (void)block;
+    epicsEventSignal(inside);
+    epicsEventMustWait(mayGo);
+}
+
+static void stopper(void *ended)
+{
+    plcStationsStop();
+    epicsEventSignal(ended);
+}
+
+/* Something waits in the station's thread, as a record may do. */
+static void testStuck(void)
+{
+    static const plcListener listener = {.received = waits};
+    epicsEventId ended = epicsEventMustCreate(epicsEventEmpty);
+    int port = 0, socket = toolListen(&port), fd, found, i;
+    plcStation *s = make("STUCK", "127.0.0.1", port, IN, OUT, 60000, 50);
+
+    make("OTHER", "", 0, IN, OUT, 60000, 50);
+    inside = epicsEventMustCreate(epicsEventEmpty);
+    mayGo = epicsEventMustCreate(epicsEventEmpty);
+    plcStationListen(s, &listener, NULL);
+    for (i = 0; i < 2; i++) {
+        if (i) {
+            s = make("STUCK", "127.0.0.1", port, IN, OUT, 60000, 50);
+            plcStationListen(s, &listener, NULL);
+        }
+        plcStationsStart();
+        plcStationsRun();
+        fd = toolAccept(socket);
+        sendBlock(fd, 1);
+        epicsEventMustWait(inside);
+        epicsThreadMustCreate("stopper", epicsThreadPriorityMedium,
+                              epicsThreadGetStackSize(epicsThreadStackMedium), stopper, ended);
+        WAIT_FOR(!plcStationFind("STUCK"));
+        found = plcStationFind("STUCK") != NULL;
+        if (i == 0)
+            epicsEventSignal(mayGo);
+        testOk(!found, "while threads end, others may look for a PLC");
+        testOk(epicsEventWaitWithTimeout(ended, PATIENCE_S) == epicsEventOK,
+               i ? "a thread that does not end is left behind" : "all have ended");
+        if (i)
+            epicsEventSignal(mayGo);
+        plcStationsDestroy();
+        testOk(toolClosed(fd), "its connection ends when it can");
+        toolClose(fd);
+    }
+    toolClose(socket);
+    epicsEventDestroy(ended);
+}
+
 MAIN(stationTest)
 {
-    testPlan(122);
+    testPlan(128);
     eltc(0); /* the log is for people; here the test speaks */
     testFirstBlock();
     testClosed();
@@ -996,5 +1057,6 @@ MAIN(stationTest)
     testStop();
     testOptions();
     testListener();
+    testStuck();
     return testDone();
 }

@@ -330,7 +330,11 @@ static dsxt extension = {addRecord, delRecord};
 
 long devInit(int after)
 {
-    /* after an IOC that has ended (unit tests) its scan lists are gone */
+    /* after an IOC that has ended its scan lists are gone, and its records */
+    if (!after && running) {
+        devFollowForget();
+        devAwayForget();
+    }
     if (!after && (running || !neverScan))
         scanIoInit(&neverScan);
     if (!after)

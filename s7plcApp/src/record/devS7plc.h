@@ -106,6 +106,10 @@ long devWrite(dbCommon *prec);
 void devFollowJoin(dbCommon *prec, devRecord *dev);
 void devFollowLeave(devRecord *dev);
 
+/* A new IOC begins in this process: the records of the one before are gone. */
+void devFollowForget(void);
+void devAwayForget(void);
+
 /* In a callback thread, after the PLC came back, or the output image took values of it.
  */
 void devFollowAll(plcStation *station);

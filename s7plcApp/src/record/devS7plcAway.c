@@ -50,6 +50,14 @@ void devAwayLeave(devRecord *dev)
     epicsMutexUnlock(lock);
 }
 
+void devAwayForget(void)
+{
+    epicsThreadOnce(&once, initOnce, NULL);
+    epicsMutexMustLock(lock);
+    ellInit(&waiting);
+    epicsMutexUnlock(lock);
+}
+
 static int isAway(devRecord *dev)
 {
     return !plcStationOutputConnected(dev->station, NULL) ||

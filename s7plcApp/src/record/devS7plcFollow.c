@@ -128,6 +128,14 @@ void devFollowLeave(devRecord *dev)
     free(dev->shown);
 }
 
+void devFollowForget(void)
+{
+    epicsThreadOnce(&once, initOnce, NULL);
+    epicsMutexMustLock(lock);
+    ellInit(&followers);
+    epicsMutexUnlock(lock);
+}
+
 void devShow(devRecord *dev)
 {
     plcImagePeek(dev->image, dev->offset, dev->length, dev->shown);

@@ -9,6 +9,7 @@
 #include <epicsStdio.h>
 #include <epicsStdlib.h>
 #include <epicsString.h>
+#include <epicsVersion.h>
 #include <errlog.h>
 #include <initHooks.h>
 #include <iocsh.h>
@@ -325,26 +326,38 @@ static void s7plcRegister(void)
 
 /* --- Driver entry -----------------------------------------------------------------------*/
 
-static void hook(initHookState state)
-{
-    if (state == initHookAfterInitDatabase)
-        plcStationsReady();
-    else if (state == initHookAfterIocRunning)
-        plcStationsRun();
-}
-
+/* The end comes while there still are records. Base announces it since 7.0.4; before, the exit
+ * handler that was registered last runs first: Base registers its own in initDatabase. */
+#if EPICS_VERSION_INT >= VERSION_INT(7, 0, 4, 0)
+#define HAVE_SHUTDOWN_HOOK
+#else
 static void stop(void *arg)
 {
     (void)arg;
     plcStationsStop();
+}
+#endif
+
+static void hook(initHookState state)
+{
+    if (state == initHookAfterInitDatabase) {
+        plcStationsReady();
+#ifndef HAVE_SHUTDOWN_HOOK
+        epicsAtExit(stop, NULL);
+#endif
+    } else if (state == initHookAfterIocRunning) {
+        plcStationsRun();
+#ifdef HAVE_SHUTDOWN_HOOK
+    } else if (state == initHookAtShutdown) {
+        plcStationsStop();
+#endif
+    }
 }
 
 /* Called by iocInit before records are initialised: PLCs connect meanwhile. */
 static long init(void)
 {
     initHookRegister(hook); /* each IOC anew: an ended one has dropped its hooks */
-    /* runs before the database goes away: exit handlers run last first */
-    epicsAtExit(stop, NULL);
     plcStationsStart();
     return 0;
 }

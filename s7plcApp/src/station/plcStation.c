@@ -16,11 +16,17 @@
 #include "plcHot.h"
 #include "plcStationPvt.h"
 
-/* The list only grows until plcStationsDestroy; `listLock` guards it. */
+/* The list only grows until plcStationsDestroy; `listLock` guards it, and the flags. */
 static ELLLIST stations = ELLLIST_INIT;
+static ELLLIST lost = ELLLIST_INIT; /* those whose threads did not end: nobody frees them */
 static epicsMutexId listLock;
 static epicsThreadOnceId once = EPICS_THREAD_ONCE_INIT;
 static int allStarted, allReady, allRunning;
+static int allEnded;      /* the IOC of these stations has ended */
+static plcWake someEnded; /* a thread has ended */
+
+/* All threads together may take so long to end, ms. */
+#define STOP_MS 5000
 
 /* Room for the log lines of hundreds of stations that connect or lose their PLCs at once;
  * EPICS's own is for a dozen. Without effect where st.cmd or the program has chosen one. */
@@ -32,6 +38,7 @@ static void initOnce(void *arg)
     (void)arg;
     errlogInit2(ERRLOG_BYTES, ERRLOG_MESSAGE);
     listLock = epicsMutexMustCreate();
+    (void)plcWakeInit(&someEnded);
 }
 
 static void lockList(void)
@@ -50,9 +57,9 @@ plcStation *plcStationFind(const char *name)
     plcStation *s;
 
     lockList();
-    for (s = (plcStation *)ellFirst(&stations); s; s = (plcStation *)ellNext(&s->node))
-        if (strcmp(s->name, name) == 0)
-            break;
+    s = allEnded ? NULL : (plcStation *)ellFirst(&stations);
+    while (s && strcmp(s->name, name))
+        s = (plcStation *)ellNext(&s->node);
     unlockList();
     return s;
 }
@@ -153,11 +160,24 @@ int plcStationOutputBy(plcStation *s, const char *host, int port,
     return 0;
 }
 
+/* A new IOC begins in this process (a test program, say): it knows nothing of the one before. */
+static void forgetEnded(void)
+{
+    int ended;
+
+    lockList();
+    ended = allEnded;
+    unlockList();
+    if (ended)
+        plcStationsDestroy();
+}
+
 plcStation *plcStationCreate(const plcStationConfig *config)
 {
     plcStation *s = callocMustSucceed(1, sizeof(*s), "plcStationCreate");
     unsigned i;
 
+    forgetEnded();
     epicsSnprintf(s->name, sizeof(s->name), "%s", config->name);
     if (plcWakeInit(&s->wake)) {
         errlogSevPrintf(errlogFatal, "s7plc %s: no pipe: %s\n", s->name, strerror(errno));
@@ -207,6 +227,7 @@ void plcStationsStart(void)
 {
     plcStation *s;
 
+    forgetEnded();
     lockList();
     allStarted = 1;
     for (s = (plcStation *)ellFirst(&stations); s; s = (plcStation *)ellNext(&s->node))
@@ -240,22 +261,52 @@ void plcStationsRun(void)
     reach(1);
 }
 
-void plcStationsStop(void)
+/* Tells all threads to end. Returns their stations, to be freed, with a NULL behind. */
+static plcStation **tellToStop(void)
 {
-    plcStation *s;
+    plcStation *s, **all;
+    size_t count = 0;
 
     lockList();
-    allStarted = allReady = allRunning = 0;
+    all = callocMustSucceed(ellCount(&stations) + 1, sizeof(*all), "plcStationsStop");
     for (s = (plcStation *)ellFirst(&stations); s; s = (plcStation *)ellNext(&s->node)) {
+        if (!s->started)
+            continue;
+        s->started = 0;
         epicsAtomicSetIntT(&s->stop, 1);
         plcStationWake(s);
+        all[count++] = s;
     }
-    for (s = (plcStation *)ellFirst(&stations); s; s = (plcStation *)ellNext(&s->node)) {
-        if (s->started)
-            epicsEventMustWait(s->ended);
-        s->started = 0;
-    }
+    allEnded |= allStarted;
+    allStarted = allReady = allRunning = 0;
     unlockList();
+    return all;
+}
+
+void plcStationEnds(plcStation *s)
+{
+    epicsEventSignal(s->ended);
+    plcWakeUp(&someEnded);
+}
+
+void plcStationsStop(void)
+{
+    plcStation **all = tellToStop();
+    epicsUInt64 deadline = epicsMonotonicGet() + plcMsToNs(STOP_MS);
+    size_t i;
+
+    for (i = 0; all[i]; i++) {
+        if (plcWakeJoin(&someEnded, all[i]->ended, deadline) == 0)
+            continue;
+        errlogSevPrintf(errlogMajor,
+                        "s7plc %s: its thread does not end: does it wait for a record?\n",
+                        all[i]->name);
+        lockList();
+        ellDelete(&stations, &all[i]->node);
+        ellAdd(&lost, &all[i]->node);
+        unlockList();
+    }
+    free(all);
 }
 
 void plcStationsDestroy(void)
@@ -265,7 +316,10 @@ void plcStationsDestroy(void)
 
     plcStationsStop();
     lockList();
+    allEnded = 0;
     while ((s = (plcStation *)ellGet(&stations))) {
+        if (s->listener && s->listener->gone)
+            s->listener->gone(s->listenerPvt);
         if (s->policy->destroy)
             s->policy->destroy(s->policyPvt);
         plcExchangeDestroy(s);
@@ -384,7 +438,7 @@ static int writeOutput(plcStation *s, size_t offset, size_t length, const void *
 
 int plcStationListen(plcStation *s, const plcListener *listener, void *pvt)
 {
-    if (s->listener || s->started)
+    if (s->started || (s->listener && listener))
         return -1;
     s->listener = listener;
     s->listenerPvt = pvt;

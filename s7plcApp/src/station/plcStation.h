@@ -75,8 +75,10 @@ void plcStationEach(void (*visit)(plcStation *station, void *arg), void *arg);
 void plcStationNames(char *text, size_t size);
 
 /* Starts the threads of all stations (iocInit) / tells them that all records are there / that
- * the PINI run is over and scans are on / ends and joins them (exit; stations stay, not
- * connected). */
+ * the PINI run is over and scans are on / ends and joins them (before the database goes; one
+ * that does not end in 5 s is left behind, with an error line). The stations of an IOC that
+ * has ended stay, not connected and not found any more, until the next IOC of this process is
+ * configured or starts. */
 void plcStationsStart(void);
 void plcStationsReady(void);
 void plcStationsRun(void);
@@ -125,10 +127,13 @@ typedef struct plcListener {
     void (*sent)(void *pvt, const void *block);
     /* The connection or the validity of the input may have changed: ask again. */
     void (*changed)(void *pvt);
+    /* The station goes with its IOC; its thread has ended. In the thread that makes the next
+     * IOC, with the list of stations locked. */
+    void (*gone)(void *pvt);
 } plcListener;
 
-/* Registers the one listener of a station; before iocInit. Returns 0; or -1 when there is
- * one, or the station runs already. */
+/* Registers the one listener of a station, or takes it back (NULL); before iocInit. Returns 0;
+ * or -1 when there is one, or the station runs already. */
 int plcStationListen(plcStation *station, const plcListener *listener, void *pvt);
 
 /* --- Read-back: the PLC shows what it holds of our outputs ------------------------------- */

@@ -155,6 +155,9 @@ enum { plcLayoutUnknown, plcLayoutAgrees, plcLayoutDiffers };
 /* The thread's main function. */
 void plcStationThread(void *arg);
 
+/* The last thing that the thread does. */
+void plcStationEnds(plcStation *station);
+
 /* Opens or closes the output image for puts, after anything changed that matters to it.
  * Any thread. */
 void plcStationGate(plcStation *station);

@@ -355,5 +355,5 @@ PLC_HOT void plcStationThread(void *arg)
     }
     if (s->policy->end)
         s->policy->end(s->policyPvt);
-    epicsEventSignal(s->ended);
+    plcStationEnds(s);
 }

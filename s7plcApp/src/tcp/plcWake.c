@@ -86,3 +86,19 @@ int plcWakeWait(plcWake *w, epicsUInt64 deadline)
     } while (ms > 0);
     return 0;
 }
+
+int plcWakeJoin(plcWake *some, epicsEventId ended, epicsUInt64 deadline)
+{
+    int woken = some->pipe[0] >= 0;
+
+    if (!woken) { /* there was no descriptor for it */
+        epicsEventMustWait(ended);
+        return 0;
+    }
+    while (epicsEventTryWait(ended) != epicsEventOK) {
+        if (!woken)
+            return -1;
+        woken = plcWakeWait(some, deadline);
+    }
+    return 0;
+}

@@ -7,6 +7,7 @@
 #ifndef INC_plcWake_H
 #define INC_plcWake_H
 
+#include <epicsEvent.h>
 #include <epicsTypes.h>
 
 #define PLC_WAKE_NEVER ((epicsUInt64)-1)
@@ -32,5 +33,9 @@ int plcWakeWait(plcWake *wake, epicsUInt64 deadline);
  * and what follows when it was. What was to be done has to be looked at after that. */
 int plcWakeDescriptor(const plcWake *wake);
 void plcWakeTake(plcWake *wake);
+
+/* Waits for a thread that signals `ended`, and then wakes `some` (of which there may be one for
+ * many threads, one of which waits). Returns 0; or -1 when it has not ended by then. */
+int plcWakeJoin(plcWake *some, epicsEventId ended, epicsUInt64 deadline);
 
 #endif /* INC_plcWake_H */
