@@ -1,0 +1,254 @@
+"""Gives places to what has none: rows in the blocks, fields in their types. What has a place
+keeps it, always; only --grow moves rows whose type has outgrown their place."""
+import bisect
+
+from .check import needs_readback
+from .types import Array, Elementary, Named, is_struct
+
+LIMIT = 65536
+NEIGHBOURS = 4
+SLACK = 16  # bytes of a hole that a place beside its neighbour in the PLC may leave
+
+
+class Room:
+    """The bits of one block that are taken."""
+
+    def __init__(self, map_, side):
+        self.side = side
+        self.header = map_.tx_header() if side == "tx" else map_.rx_header()
+        self.taken = bytearray(LIMIT + 8)
+        self.bits = {}     # bytes that have single bits: byte -> PLC byte they come from
+        self.by_memory = {}  # (area, db) -> [(PLC byte, block byte)]
+        self.end = self.header
+        self.taken[:self.header] = b"\xff" * self.header
+        self.taken[LIMIT:] = b"\xff" * 8
+        if side == "tx" and map_.number("layout_at") is not None:
+            self.claim(map_.number("layout_at"), None, 2)
+        for item, byte, bit, size in map_.uses(side):
+            if byte + size <= LIMIT:
+                self.put(item, byte, bit, size)
+
+    def claim(self, byte, bit, size):
+        if bit is not None:
+            self.taken[byte] |= 1 << bit
+            size = 1
+        else:
+            self.taken[byte:byte + size] = b"\xff" * size
+        self.end = max(self.end, byte + size)
+
+    def put(self, item, byte, bit, size):
+        self.claim(byte, bit, size)
+        a = item.address
+        if a is not None and a.area:
+            bisect.insort(self.by_memory.setdefault((a.area, a.db), []), (a.byte, byte))
+        if bit is not None:
+            source = (a.area, a.db, a.byte) if a is not None and a.area and a.bit == bit else None
+            if self.bits.setdefault(byte, source) != source:
+                self.bits[byte] = None
+
+    def free(self, byte, bit, size):
+        if byte < self.header or byte + size > LIMIT:
+            return False
+        if bit is not None:
+            return not self.taken[byte] >> bit & 1
+        return not any(self.taken[byte:byte + size])
+
+    def beside(self, a, bit, size):
+        """The place at the same distance as the neighbours in PLC memory, or None."""
+        near = self.by_memory.get((a.area, a.db), [])
+        middle = bisect.bisect(near, (a.byte, -1))
+        near = near[max(middle - NEIGHBOURS, 0):middle + NEIGHBOURS]
+        for memory, block in sorted(near, key=lambda m: (abs(m[0] - a.byte), m)):
+            byte = block + a.byte - memory
+            if byte > self.end + SLACK or not self.free(byte, bit, size):
+                continue
+            if bit is not None and self.taken[byte] and \
+                    self.bits.get(byte) != (a.area, a.db, a.byte):
+                continue
+            return byte
+        return None
+
+    def find(self, even, size):
+        """The first hole."""
+        at = self.header
+        while True:
+            at = self.taken.find(bytes(size), at, LIMIT)
+            if at < 0:
+                return None
+            if not even or at % 2 == 0:
+                return at
+            at += 1
+
+    def find_bit(self, a, wanted=None):
+        """A byte and a bit: among the bits of the same PLC byte, else in a new byte; bits that
+        come from nowhere share a byte. wanted: the number that the bit must have."""
+        if a is not None and a.area and a.bit is not None:
+            source = (a.area, a.db, a.byte)
+            for byte, other in self.bits.items():
+                if other == source and self.free(byte, a.bit, 1):
+                    return byte, a.bit
+            byte = self.find(False, 1)
+            return None if byte is None else (byte, a.bit)
+        for byte, other in self.bits.items():
+            if other is None:
+                for bit in range(8) if wanted is None else [wanted]:
+                    if self.free(byte, bit, 1):
+                        return byte, bit
+        byte = self.find(False, 1)
+        return None if byte is None else (byte, wanted or 0)
+
+
+def place(map_, grow=False):
+    """Fills the blanks. Returns lines that say what has been placed; cells that could not be
+    are errors in map_.report."""
+    lines = place_fields(map_)
+    if not map_.has_blocks():
+        return lines
+    if grow:
+        lines += _release(map_)
+    rooms = {side: Room(map_, side) for side in ("rx", "tx")}
+    mirror = map_.number("readback")
+    for item in map_.rows:
+        if item.type is None:
+            continue
+        dirs = map_.dirs_of(item)
+        if dirs & {"out", "cmd"} and item.rx is None and not item.row.get("rx"):
+            if mirror is not None and item.tx is not None and "out" in dirs:
+                lines += _set(map_, rooms["rx"], item, item.tx[0] - mirror, item.tx[1])
+            else:
+                lines += _fill(map_, rooms["rx"], item)
+    if mirror is not None:
+        end = rooms["rx"].end + (rooms["rx"].end & 1)
+        low = mirror + map_.rx_header()
+        for byte in range(low, mirror + end):
+            if not rooms["tx"].taken[byte]:
+                rooms["tx"].claim(byte, None, 1)
+    for item in map_.rows:
+        if item.type is None or item.tx is not None or item.row.get("tx"):
+            continue
+        dirs = map_.dirs_of(item)
+        if "out" in dirs and mirror is not None and item.rx is not None:
+            lines += _set(map_, rooms["tx"], item, item.rx[0] + mirror, item.rx[1])
+        elif "in" in dirs or ("out" in dirs and needs_readback(map_)):
+            lines += _fill(map_, rooms["tx"], item)
+    return lines
+
+
+def _is_bit(item):
+    return isinstance(item.type, Elementary) and item.type.kind == "bool"
+
+
+def _fill(map_, room, item):
+    size = map_.size_of(item.type)
+    even = not map_.layout.anywhere(item.type)
+    a = item.address
+    if _is_bit(item):
+        bit = a.bit if a is not None and a.area else None
+        byte = room.beside(a, bit, 1) if bit is not None else None
+        found = (byte, bit) if byte is not None else room.find_bit(
+            a, item.rx[1] if room.side == "tx" and item.rx is not None else None)
+    else:
+        byte = room.beside(a, None, size) if a is not None and a.area else None
+        if byte is None or (even and byte & 1):
+            byte = room.find(even, size)
+        found = None if byte is None else (byte, None)
+    if found is None:
+        map_.report.error(item.row.place(room.side), room.side,
+                          "no room for %d bytes in a block of %d" % (size, LIMIT))
+        return []
+    return _set(map_, room, item, *found)
+
+
+def _set(map_, room, item, byte, bit):
+    text = "%d" % byte if bit is None else "%d.%d" % (byte, bit)
+    setattr(item, room.side, (byte, bit))
+    item.row.sheet.column(room.side)
+    item.row.cells[room.side] = text
+    if 0 <= byte < LIMIT:
+        room.put(item, byte, bit, map_.size_of(item.type))
+    map_.changed()
+    return ["%s: %s %s at %s" % (item.row.place(room.side), item.symbol, room.side, text)]
+
+
+def _release(map_):
+    """Takes the place away from structures and arrays of them that reach into the next row."""
+    lines = []
+    for side in ("tx", "rx"):
+        uses = sorted(map_.uses(side), key=lambda u: (u[1], u[2] or 0))
+        for (item, byte, _, size), (_, after, _, _) in zip(uses, uses[1:]):
+            kind = item.type.element if isinstance(item.type, Array) else item.type
+            if byte + size > after and is_struct(kind):
+                lines.append("%s: %s has outgrown %s %d: %d bytes, and the next row is at %d"
+                             % (item.row.place(side), item.symbol, side, byte, size, after))
+                setattr(item, side, None)
+                item.row.cells.pop(side, None)
+    map_.changed()
+    return lines
+
+
+def place_fields(map_):
+    """Pins the fields of all types: where nothing is pinned, as an S7 places them; else behind
+    what is there."""
+    lines = []
+    for typedef in map_.types.values():
+        fields = [f for f in typedef.fields if f.type]
+        blank = [f for f in fields if f.at is None and not f.row.get("at")]
+        if not blank:
+            continue
+        if len(blank) == len(fields):
+            placed = map_.layout.fields(Named(typedef.name))[0]
+            for field, (_, _, byte, bit) in zip(fields, placed):
+                lines.append(_pin(typedef, field, byte, bit))
+            continue
+        lines += _append_fields(map_, typedef, fields, blank)
+    if lines:
+        map_.relay()
+    return lines
+
+
+def _append_fields(map_, typedef, fields, blank):
+    """New fields of a type with pinned ones go to its end, in their order."""
+    lines = []
+    end, bits = 0, {}
+    for field in fields:
+        if field.at is None:
+            continue
+        byte, bit = field.at
+        if bit is not None:
+            bits[byte] = max(bits.get(byte, -1), bit)
+        size = map_.size_of(field.type)
+        end = max(end, byte + size)
+    for field in blank:
+        is_bool = isinstance(field.type, Elementary) and field.type.kind == "bool"
+        if is_bool and bits.get(end - 1, 7) < 7:
+            byte, bit = end - 1, bits[end - 1] + 1
+        elif is_bool:
+            byte, bit = end, 0
+        else:
+            byte, bit = end + (end & 1 if not map_.layout.anywhere(field.type) else 0), None
+        if bit is not None:
+            bits[byte] = bit
+        end = max(end, byte + map_.size_of(field.type))
+        lines.append(_pin(typedef, field, byte, bit))
+    return lines
+
+
+def _pin(typedef, field, byte, bit):
+    field.at = (byte, bit)
+    text = "%d" % byte if bit is None else "%d.%d" % (byte, bit)
+    field.row.sheet.column("at")
+    field.row.cells["at"] = text
+    return "%s: %s.%s at %s" % (field.row.place("at"), typedef.name, field.name or "reserved", text)
+
+
+def compact(map_):
+    """Removes reserved rows: their bytes are free again. Returns lines that say which."""
+    lines = []
+    sheet = map_.sheets["map"]
+    for item in [r for r in map_.rows if r.dir == "reserved"]:
+        lines.append("%s: %s is no longer reserved" % (item.row.place("symbol"),
+                                                        item.symbol or "(no name)"))
+        sheet.rows.remove(item.row)
+        map_.rows.remove(item)
+    map_.changed()
+    return lines

@@ -1,0 +1,217 @@
+"""Tables in CSV files: read with the place of every cell, written without loss.
+
+Knows nothing of maps. A folder of CSV files and a workbook (workbook.py) give the same
+Sheet objects.
+"""
+import csv
+import io
+import os
+import re
+
+from .problems import Place, Refused
+
+MAX_FILE = 200 * 1024 * 1024
+
+
+class Row:
+    """One row: cells by column name, and where they stand."""
+    __slots__ = ("sheet", "line", "cells")
+
+    def __init__(self, sheet, line, cells):
+        self.sheet = sheet
+        self.line = line
+        self.cells = cells
+
+    def get(self, column):
+        return self.cells.get(column, "")
+
+    def place(self, column=None):
+        header = self.sheet.header
+        number = header.index(column) + 1 if column in header else 1
+        return Place(self.sheet.file, self.line, number, self.sheet.tab)
+
+
+class Sheet:
+    """A header and rows. tab: the name in a workbook, None in a CSV file."""
+
+    def __init__(self, name, file, header, tab=None, delimiter=",", encoding="utf-8"):
+        self.name = name
+        self.file = file
+        self.tab = tab
+        self.header = header
+        self.rows = []
+        self.delimiter = delimiter
+        self.encoding = encoding
+
+    def place(self, column=None):
+        number = self.header.index(column) + 1 if column in self.header else None
+        return Place(self.file, 1, number, self.tab)
+
+    def append(self, cells, line=None):
+        row = Row(self, line if line is not None else len(self.rows) + 2, cells)
+        self.rows.append(row)
+        return row
+
+    def column(self, name):
+        """Makes sure there is such a column."""
+        if name not in self.header:
+            self.header.append(name)
+
+
+def read_bytes(path):
+    """The bytes of a file, or Refused in words."""
+    try:
+        size = os.path.getsize(path)
+        if size > MAX_FILE:
+            raise Refused("%d bytes are too many; allowed: up to %d" % (size, MAX_FILE),
+                          Place(path))
+        with open(path, "rb") as f:
+            return f.read()
+    except OSError as e:
+        raise Refused(e.strerror or str(e), Place(path)) from None
+    except ValueError as e:  # a NUL in the path
+        raise Refused(str(e), Place(repr(path))) from None
+
+
+def decode(data, path, report=None, encoding=None):
+    """Text of bytes: a BOM says UTF-8 or UTF-16; else strict UTF-8; else cp1252, with a
+    warning that names the first line that is no ASCII. Returns (text, encoding)."""
+    if encoding:
+        try:
+            return data.decode(encoding), encoding
+        except LookupError:
+            raise Refused('"%s" is no encoding; allowed: such as utf-8 cp1252 cp1251 utf-16'
+                          % encoding) from None
+        except UnicodeDecodeError as e:
+            raise Refused("not %s: byte 0x%02X at %d" % (encoding, data[e.start], e.start),
+                          Place(path)) from None
+    try:
+        if data.startswith(b"\xef\xbb\xbf"):
+            return data[3:].decode("utf-8"), "utf-8-sig"
+        if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+            return data.decode("utf-16"), "utf-16"
+    except UnicodeDecodeError as e:
+        raise Refused("the byte order mark promises %s, but there is something else at byte %d"
+                      % (e.encoding, e.start), Place(path)) from None
+    try:
+        return data.decode("utf-8"), "utf-8"
+    except UnicodeDecodeError:
+        pass
+    text = data.decode("cp1252", "replace")
+    if report is not None:
+        for number, line in enumerate(text.split("\n"), 1):
+            if any(ord(c) > 127 for c in line):
+                report.warning(Place(path, number), None, "no UTF-8: read as cp1252; "
+                               "--encoding says another (first line that is no ASCII)")
+                break
+    return text, "cp1252"
+
+
+def clean(text):
+    """Without blanks and no-break blanks around it."""
+    return text.replace("\u00a0", " ").strip()
+
+
+def _delimiter(text):
+    """The one of , ; TAB that the header row has most of."""
+    first = text.lstrip("\r\n").split("\n", 1)[0]
+    return max(",;\t", key=lambda d: (first.count(d), -",;\t".index(d)))
+
+
+def csv_rows(text, delimiter, path):
+    """[(line, [cells])]; a row over several lines has the first one's number."""
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
+    rows, line = [], 1
+    try:
+        for cells in reader:
+            rows.append((line, cells))
+            line = reader.line_num + 1
+    except csv.Error as e:
+        raise Refused("no CSV: %s" % e, Place(path, reader.line_num or 1)) from None
+    return rows
+
+
+def read_csv(path, name, report, encoding=None):
+    """A CSV file with a header row as a Sheet."""
+    text, used = decode(read_bytes(path), path, report, encoding)
+    if "\0" in text:
+        line = text[:text.index("\0")].count("\n") + 1
+        raise Refused("a NUL character: this is no text", Place(path, line))
+    delimiter = _delimiter(text)
+    rows = csv_rows(text, delimiter, path)
+    while rows and not any(clean(c) for c in rows[0][1]):
+        rows.pop(0)
+    header = [clean(c) for c in rows[0][1]] if rows else []
+    return _fill(Sheet(name, path, header, None, delimiter, used), rows[1:], report)
+
+
+def _fill(sheet, rows, report):
+    """The rows below the header. Empty ones are left out; cells beyond the header are an
+    error."""
+    while sheet.header and not sheet.header[-1]:
+        sheet.header.pop()
+    for number, column in enumerate(sheet.header, 1):
+        if column and column in sheet.header[:number - 1]:
+            report.error(Place(sheet.file, 1, number, sheet.tab), None,
+                         'the column "%s" is there twice' % column)
+        elif not column and any(len(r) >= number and clean(r[number - 1]) for _, r in rows):
+            report.error(Place(sheet.file, 1, number, sheet.tab), None,
+                         "the column has values but no name; notes need a name that begins "
+                         "with #")
+    for line, cells in rows:
+        cells = [clean(c) for c in cells]
+        if not any(cells):
+            continue
+        for number, cell in enumerate(cells[len(sheet.header):], len(sheet.header) + 1):
+            if cell:
+                report.error(Place(sheet.file, line, number, sheet.tab), None,
+                             '"%s" stands beyond the last column' % cell[:40])
+        sheet.append({c: v for c, v in zip(sheet.header, cells) if c}, line)
+    return sheet
+
+
+def sheet_from_rows(name, path, tab, rows, report):
+    """The same from rows of a workbook: [(line, [cells])]."""
+    while rows and not any(clean(c) for c in rows[0][1]):
+        rows.pop(0)
+    header = [clean(c) for c in rows[0][1]] if rows else []
+    return _fill(Sheet(name, path, header, tab), rows[1:], report)
+
+
+def csv_text(sheet, delimiter=None):
+    """A sheet as CSV text."""
+    out = io.StringIO()
+    writer = csv.writer(out, delimiter=delimiter or sheet.delimiter, lineterminator="\n")
+    writer.writerow(sheet.header)
+    for row in sheet.rows:
+        writer.writerow([row.get(c) for c in sheet.header])
+    return out.getvalue()
+
+
+def write_text(path, text, encoding="utf-8"):
+    """Writes a file when its content is another; whole or not at all. True: written."""
+    return write_bytes(path, text.encode(encoding, "replace"))
+
+
+def write_bytes(path, data):
+    try:
+        if os.path.exists(path):
+            with open(path, "rb") as f:
+                if f.read() == data:
+                    return False
+        part = "%s.part" % path
+        with open(part, "wb") as f:
+            f.write(data)
+        os.replace(part, path)
+        return True
+    except OSError as e:
+        raise Refused(e.strerror or str(e), Place(path)) from None
+
+
+def number(text, delimiter=","):
+    """A float of a cell, or None. With ; as delimiter a decimal comma is one."""
+    if delimiter == ";" and re.match(r"^[+-]?\d+,\d+$", text):
+        text = text.replace(",", ".")
+    if not re.match(r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$", text):
+        return None
+    return float(text)
