@@ -6,6 +6,7 @@
 #include <epicsUnitTest.h>
 #include <testMain.h>
 
+#include "framingTest.h"
 #include "plcFraming.h"
 
 #define MS 1000000ull
@@ -261,7 +262,7 @@ MAIN(framingTest)
 {
     size_t i;
 
-    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 10);
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 10 + framingSlipTests());
     for (i = 0; i < sizeof(rows) / sizeof(rows[0]); i++)
         testRow(i);
     testRandomPieces();
@@ -269,5 +270,6 @@ MAIN(framingTest)
     testLateChange();
     testBacklog();
     testNoInput();
+    framingSlips();
     return testDone();
 }

@@ -275,6 +275,50 @@ static void testWrongSize(void)
     end(fd, listener);
 }
 
+/* Two dozen good blocks of a PLC with a period, then these many bytes more or less. */
+static void slip(plcStation *s, int fd, int by)
+{
+    unsigned char block[2 * IN] = {0};
+    int i;
+
+    for (i = 1; i <= 24; i++) {
+        blockArrives(s, fd, i);
+        epicsThreadSleep(0.005); /* the PLC's period */
+    }
+    toolSend(fd, block, (size_t)(IN + by));
+}
+
+static void testOutOfStep(void)
+{
+    plcStation *s;
+    int listener, fd = station(&s, &listener, NULL, NULL, 50), i, shown = 0;
+    epicsUInt64 doubts;
+
+    slip(s, fd, 7);
+    for (i = 100; i < 200 && !stats(s).outOfStep; i++) {
+        epicsThreadSleep(0.005); /* the PLC's period */
+        sendBlock(fd, i);
+        shown += value(s) >= 0 && value(s) != 24;
+    }
+    testOk(stats(s).outOfStep == 1 && stats(s).doubts == 1 && stats(s).sizeMismatches == 0,
+           "7 bytes too many: out of step, after %d blocks", i - 100);
+    testOk(shown == 0 && value(s) == -1 && toolClosed(fd) &&
+               strcmp(stats(s).lastError, "PLC out of step: bytes lost or too many") == 0,
+           "nothing of it was shown; connected anew: %s", stats(s).lastError);
+    toolClose(fd);
+    fd = toolAccept(listener);
+    testOk(blockArrives(s, fd, 1), "and all is well again");
+    set(s, "recvTimeout", "1000");
+    slip(s, fd, -1);
+    WAIT_FOR(stats(s).doubts > 1 || (epicsThreadSleep(0.02), sendBlock(fd, 9), 0));
+    doubts = stats(s).doubts;
+    WAIT_FOR(stats(s).outOfStep == 2);
+    testOk(doubts == 2 && stats(s).outOfStep == 2 && value(s) == -1 &&
+               strcmp(stats(s).lastError, "PLC out of step: bytes lost or too many") == 0,
+           "in doubt at the end of recvTimeout: %s", stats(s).lastError);
+    end(fd, listener);
+}
+
 static void sendAlive(int fd, int first, int word)
 {
     unsigned char block[IN] = {0};
@@ -1025,7 +1069,7 @@ static void testStuck(void)
 
 MAIN(stationTest)
 {
-    testPlan(128);
+    testPlan(132);
     eltc(0); /* the log is for people; here the test speaks */
     testFirstBlock();
     testClosed();
@@ -1033,6 +1077,7 @@ MAIN(stationTest)
     testDeadline();
     testTrickle();
     testWrongSize();
+    testOutOfStep();
     testAlive();
     testLayout();
     testMinUpdate();

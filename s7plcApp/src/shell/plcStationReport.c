@@ -44,10 +44,11 @@ static void counters(const plcStats *st, FILE *file)
             "%llu puts refused\n", (unsigned long long)st->blocksOut,
             (unsigned long long)st->bytesOut, (unsigned long long)st->heartbeats,
             (unsigned long long)st->refusedWrites);
-    fprintf(file, "    connects: %llu made, %llu lost, %llu failed; wrong size: %llu\n",
-            (unsigned long long)st->connects, (unsigned long long)st->disconnects,
-            (unsigned long long)st->connectErrors,
-            (unsigned long long)st->sizeMismatches);
+    fprintf(file, "    connects: %llu made, %llu lost, %llu failed; wrong size: %llu, "
+            "out of step: %llu, doubts: %llu\n", (unsigned long long)st->connects,
+            (unsigned long long)st->disconnects, (unsigned long long)st->connectErrors,
+            (unsigned long long)st->sizeMismatches, (unsigned long long)st->outOfStep,
+            (unsigned long long)st->doubts);
     if (st->periods)
         fprintf(file, "    period [ms]: last %.3f min %.3f max %.3f mean %.3f jitter %.3f\n",
                 st->periodLast, st->periodMin, st->periodMax, st->periodMean, st->jitter);

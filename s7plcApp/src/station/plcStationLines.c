@@ -303,46 +303,13 @@ static int lossSeen(plcStation *s, const plcLine *line, epicsUInt64 now,
     return seen;
 }
 
-/* Timers of one connection. */
-PLC_HOT void plcLineStep(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64 *wake)
+/* The size of the blocks is right, but they begin elsewhere than they did. */
+PLC_COLD static void lineOutOfStep(plcStation *s, unsigned i, epicsUInt64 now)
 {
-    plcLine *line = &s->lines[i];
-    plcConnection *c = &line->connection;
-    epicsUInt64 due;
-    char why[PLC_REASON_SIZE];
-
-    if (!line->resolver)
-        return;
-    if (c->state == plcConnectionConnecting) {
-        due = c->since + plcMsToNs(s->now.connectTimeout);
-        if (now >= due) {
-            plcConnectionClose(c, "PLC does not answer", now);
-            lineFailed(s, i, now, c->error);
-            line->retryAt = now; /* it has waited long enough */
-        } else {
-            plcEarlier(wake, due);
-        }
-    }
-    if (c->state == plcConnectionUp && s->inSize && !plcLineExchanges(s, i) &&
-        (!plcStationIsPair(s) || (int)i == s->leader)) {
-        due = (line->lastBlock ? line->lastBlock : c->since) +
-              plcMsToNs(s->now.recvTimeout);
-        if (s->looked >= due) {
-            epicsSnprintf(why, sizeof(why), "no block for %.1f s",
-                          s->now.recvTimeout / 1000);
-            plcLineLost(s, i, now, why);
-        } else {
-            plcEarlier(wake, due);
-        }
-    }
-    if (c->state == plcConnectionDown) {
-        if (now >= line->retryAt && lossSeen(s, line, now, wake))
-            lineOpen(s, i, now);
-        if (c->state == plcConnectionDown && line->retryAt > now)
-            plcEarlier(wake, line->retryAt);
-        if (c->state == plcConnectionConnecting)
-            plcEarlier(wake, now + plcMsToNs(s->now.connectTimeout));
-    }
+    epicsMutexMustLock(s->lock);
+    s->stats.outOfStep++;
+    epicsMutexUnlock(s->lock);
+    plcLineLost(s, i, now, "PLC out of step: bytes lost or too many");
 }
 
 /* Says once that the block size is wrong, and gives the connection up. */
@@ -353,6 +320,10 @@ PLC_COLD static void lineWrongSize(plcStation *s, unsigned i, epicsUInt64 now)
     int first = !line->wrongSize;
     char why[PLC_REASON_SIZE], text[200];
 
+    if (burst == s->inSize) {
+        lineOutOfStep(s, i, now);
+        return;
+    }
     if (burst) {
         epicsSnprintf(why, sizeof(why), "PLC sends %u bytes, inSize is %u",
                       (unsigned)burst, (unsigned)s->inSize);
@@ -387,6 +358,61 @@ PLC_COLD static void lineWrongSize(plcStation *s, unsigned i, epicsUInt64 now)
         plcInputInvalidate(s, plcStateWrongSize, why);
     line->failures = sizeof(backoff); /* trying fast helps nobody */
     retryLater(line, now);
+}
+
+/* No block could be taken for too long. Bytes that fit no block are another matter than
+ * silence. */
+PLC_COLD static void lineSilent(plcStation *s, unsigned i, epicsUInt64 now)
+{
+    plcFraming *framing = s->lines[i].connection.framing;
+    char why[PLC_REASON_SIZE];
+
+    plcFramingGiveUp(framing);
+    if (plcFramingJudge(framing) == plcFramingWrong) {
+        lineWrongSize(s, i, now);
+        return;
+    }
+    epicsSnprintf(why, sizeof(why), "no block for %.1f s", s->now.recvTimeout / 1000);
+    plcLineLost(s, i, now, why);
+}
+
+/* Timers of one connection. */
+PLC_HOT void plcLineStep(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64 *wake)
+{
+    plcLine *line = &s->lines[i];
+    plcConnection *c = &line->connection;
+    epicsUInt64 due;
+
+    if (!line->resolver)
+        return;
+    if (c->state == plcConnectionConnecting) {
+        due = c->since + plcMsToNs(s->now.connectTimeout);
+        if (now >= due) {
+            plcConnectionClose(c, "PLC does not answer", now);
+            lineFailed(s, i, now, c->error);
+            line->retryAt = now; /* it has waited long enough */
+        } else {
+            plcEarlier(wake, due);
+        }
+    }
+    if (c->state == plcConnectionUp && s->inSize && !plcLineExchanges(s, i) &&
+        (!plcStationIsPair(s) || (int)i == s->leader)) {
+        due = (line->lastBlock ? line->lastBlock : c->since) +
+              plcMsToNs(s->now.recvTimeout);
+        if (s->looked >= due) {
+            lineSilent(s, i, now);
+        } else {
+            plcEarlier(wake, due);
+        }
+    }
+    if (c->state == plcConnectionDown) {
+        if (now >= line->retryAt && lossSeen(s, line, now, wake))
+            lineOpen(s, i, now);
+        if (c->state == plcConnectionDown && line->retryAt > now)
+            plcEarlier(wake, line->retryAt);
+        if (c->state == plcConnectionConnecting)
+            plcEarlier(wake, now + plcMsToNs(s->now.connectTimeout));
+    }
 }
 
 /* Whole blocks on a line whose size is right. */
@@ -431,6 +457,18 @@ static void lineBlocks(plcStation *s, unsigned i, size_t count, epicsUInt64 now)
     epicsMutexUnlock(s->lock);
 }
 
+static void countDoubts(plcStation *s, plcLine *line)
+{
+    unsigned doubts = plcFramingDoubts(line->connection.framing);
+
+    if (doubts > line->doubts) {
+        epicsMutexMustLock(s->lock);
+        s->stats.doubts++;
+        epicsMutexUnlock(s->lock);
+    }
+    line->doubts = doubts;
+}
+
 /* Reads until nothing is left, for a while: the other line must have its turn. */
 static void lineReceive(plcStation *s, unsigned i, epicsUInt64 now)
 {
@@ -453,6 +491,7 @@ static void lineReceive(plcStation *s, unsigned i, epicsUInt64 now)
             lineWrongSize(s, i, now);
             return;
         }
+        countDoubts(s, line);
         count = plcFramingCount(c->framing);
         if (count && plcFramingJudge(c->framing) == plcFramingTrusted)
             lineBlocks(s, i, count, now);

@@ -52,6 +52,7 @@ typedef struct plcLine {
     unsigned failures;     /* in a row, for the back-off */
     epicsUInt64 lastBlock; /* 0: none on this connection */
     epicsUInt64 lostAt;    /* 0: not lost, or never was up */
+    unsigned doubts;       /* of its framing, as counted */
     int wrongSize;         /* the block size was found wrong and not found right since */
     unsigned verdicts;     /* that the size is wrong, since: */
     epicsUInt64 verdictsSince;

@@ -52,6 +52,9 @@ typedef struct plcStats {
     epicsUInt64 readbacks;      /* places where outputs took the PLC's value */
     epicsUInt64 sizeMismatches; /* times the block size was found wrong */
     epicsUInt64 layoutMismatches; /* times the layout ids were found to differ */
+    epicsUInt64 doubts;         /* times bytes came where no block should begin; nothing was
+                                   taken until that was resolved */
+    epicsUInt64 outOfStep;      /* times it was not, and the connection was made anew */
     epicsUInt64 connects;       /* connections made */
     epicsUInt64 disconnects;    /* connections lost */
     epicsUInt64 connectErrors;  /* attempts that failed */
