@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include <sys/resource.h>
+#include <sys/socket.h>
 
 #include <epicsAtomic.h>
 #include <epicsUnitTest.h>
@@ -300,6 +301,7 @@ static void testOutOfStep(void)
         sendBlock(fd, i);
         shown += value(s) >= 0 && value(s) != 24;
     }
+    WAIT_FOR(value(s) == -1);
     testOk(stats(s).outOfStep == 1 && stats(s).doubts == 1 && stats(s).sizeMismatches == 0,
            "7 bytes too many: out of step, after %d blocks", i - 100);
     testOk(shown == 0 && value(s) == -1 && toolClosed(fd) &&
@@ -312,7 +314,7 @@ static void testOutOfStep(void)
     slip(s, fd, -1);
     WAIT_FOR(stats(s).doubts > 1 || (epicsThreadSleep(0.02), sendBlock(fd, 9), 0));
     doubts = stats(s).doubts;
-    WAIT_FOR(stats(s).outOfStep == 2);
+    WAIT_FOR(stats(s).outOfStep == 2 && value(s) == -1);
     testOk(doubts == 2 && stats(s).outOfStep == 2 && value(s) == -1 &&
                strcmp(stats(s).lastError, "PLC out of step: bytes lost or too many") == 0,
            "in doubt at the end of recvTimeout: %s", stats(s).lastError);
@@ -656,6 +658,43 @@ static void testHeartbeat(void)
     ms = (epicsMonotonicGet() - start) * 1e-6;
     testOk(good == 6 && stats(s).heartbeats >= 5, "heartbeat: unchanged blocks leave");
     testOk(ms > 5 * 30 - 35, "each 30 ms (6 in %.0f ms)", ms);
+    end(fd, listener);
+}
+
+/* A PLC that takes no blocks, with room for a few: what waits is the newest, and nothing else.
+ */
+static void testSlow(void)
+{
+    enum { SIZE = 2000 };
+    static unsigned char block[SIZE];
+    plcStation *s;
+    int port = 0, listener = toolListen(&port), room = 4096, fd, i;
+    epicsUInt64 sent, taken = 0;
+
+    setsockopt(listener, SOL_SOCKET, SO_RCVBUF, &room, sizeof(room));
+    s = make("PLC", "127.0.0.1", port, IN, SIZE, 60000, 1);
+    plcStationsStart();
+    plcStationsRun();
+    fd = toolAccept(listener);
+    for (i = 0; i < 20000 && !stats(s).slowSends; i++) {
+        put(s, 0, i & 0x7f);
+        epicsThreadSleep(0.001); /* the pace of the writer */
+    }
+    testOk(stats(s).slowSends == 1, "a PLC that takes no blocks: one waits, after %llu",
+           (unsigned long long)stats(s).blocksOut);
+    sent = stats(s).blocksOut;
+    for (i = 0; i < 300; i++) {
+        put(s, 0, i & 0x7f);
+        epicsThreadSleep(0.001); /* the pace of the writer */
+    }
+    put(s, 0, 200);
+    testOk(stats(s).blocksOut <= sent + 2, "then hardly any is queued for it (%llu)",
+           (unsigned long long)(stats(s).blocksOut - sent));
+    do
+        taken += toolReceive(fd, block, SIZE) == SIZE;
+    while (block[0] != 200 && taken < sent + 10);
+    testOk(block[0] == 200 && taken <= sent + 3,
+           "when it takes them again the newest value follows at once");
     end(fd, listener);
 }
 
@@ -1069,7 +1108,7 @@ static void testStuck(void)
 
 MAIN(stationTest)
 {
-    testPlan(132);
+    testPlan(135);
     eltc(0); /* the log is for people; here the test speaks */
     testFirstBlock();
     testClosed();
@@ -1092,6 +1131,7 @@ MAIN(stationTest)
     testRate();
     testHoldoff();
     testHeartbeat();
+    testSlow();
     testReconnect();
     testOffline();
     testOfflineReject();

@@ -170,6 +170,8 @@ const plcStatRow plcStatRows[] = {
      "blocks of a PLC that does not lead"},
     {"heartbeats",       plcStatInteger, getCount,     AT(heartbeats),      "",
      "blocks sent although nothing had changed"},
+    {"slowSends",        plcStatInteger, getCount,     AT(slowSends),       "",
+     "blocks that had to wait, because the PLC had not taken the one before"},
     {"refusedWrites",    plcStatInteger, getCount,     AT(refusedWrites),   "",
      "puts that were refused"},
     {"syncState",        plcStatInteger, getInt,       AT(syncState),       "",

@@ -40,10 +40,10 @@ static void counters(const plcStats *st, FILE *file)
             "%llu ignored\n", (unsigned long long)st->blocksIn,
             (unsigned long long)st->bytesIn, (unsigned long long)st->skipped,
             (unsigned long long)st->coalesced, (unsigned long long)st->ignored);
-    fprintf(file, "    out: %llu blocks, %llu bytes, %llu of them heartbeats, "
+    fprintf(file, "    out: %llu blocks, %llu bytes, %llu of them heartbeats, %llu had to wait, "
             "%llu puts refused\n", (unsigned long long)st->blocksOut,
             (unsigned long long)st->bytesOut, (unsigned long long)st->heartbeats,
-            (unsigned long long)st->refusedWrites);
+            (unsigned long long)st->slowSends, (unsigned long long)st->refusedWrites);
     fprintf(file, "    connects: %llu made, %llu lost, %llu failed; wrong size: %llu, "
             "out of step: %llu, doubts: %llu\n", (unsigned long long)st->connects,
             (unsigned long long)st->disconnects, (unsigned long long)st->connectErrors,

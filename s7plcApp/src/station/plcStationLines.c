@@ -92,6 +92,7 @@ PLC_COLD static void setLeader(plcStation *s, int leader, epicsUInt64 now)
         /* The new PLC gets what the old one had, at once. */
         s->lastSend = 0;
         s->dirtySince = 0;
+        s->slowSince = 0;
         epicsAtomicSetIntT(&s->sendNow, 0);
         s->nextOutScan = now + plcMsToNs(s->now.sendInterval);
         if (!s->now.sync && !s->exchange)

@@ -139,6 +139,9 @@ struct plcStation {
     epicsTimeStamp heldStamp;
     epicsUInt64 dirtySince; /* 0: output image not written */
     epicsUInt64 lastSend;   /* 0: nothing sent on this connection */
+    epicsUInt64 slowSince;  /* a block waits until the one before has left; 0: none */
+    epicsUInt64 slowLook;   /* ns until it is looked again */
+    epicsUInt64 slowSaid;   /* when the PLC last was slow; 0: never */
     epicsUInt64 nextOutScan;
     epicsUInt64 nextStatsScan;
     int tracks;                /* the option track, as read-backs know it */

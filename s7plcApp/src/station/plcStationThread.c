@@ -19,6 +19,15 @@
 /* With sync=on the PLC expects blocks, also where heartbeat= is not set; ms. */
 #define SYNC_HEARTBEAT_MS 500
 
+/* A block that is due waits so long for the PLC to take the one before, until that is called
+ * slow; and so long the PLC must be fast until it is said again; ms. */
+#define SLOW_MS 500
+#define SLOW_AGAIN_MS 60000
+
+/* How often it is looked whether the block before has left, at first and at last; ms. */
+#define LOOK_MS 1
+#define LOOK_MAX_MS 16
+
 /* Log lines per minute and station; the rest is counted. */
 #define LOG_LINES 20
 
@@ -114,6 +123,27 @@ static int maySend(plcStation *s)
     return epicsAtomicGetIntT(&s->taken) || !plcReadbackCount(s->readback);
 }
 
+/* A block is due, but the one before has not left: nothing queues up, the newest values
+ * count when it has. No event tells when that is. */
+PLC_COLD static void waitToSend(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
+{
+    if (!s->slowSince) {
+        s->slowSince = now;
+        s->slowLook = plcMsToNs(LOOK_MS);
+        epicsMutexMustLock(s->lock);
+        s->stats.slowSends++;
+        epicsMutexUnlock(s->lock);
+    } else if (s->slowLook < plcMsToNs(LOOK_MAX_MS)) {
+        s->slowLook *= 2;
+    }
+    plcEarlier(wake, now + s->slowLook);
+    if (now - s->slowSince < plcMsToNs(SLOW_MS))
+        return;
+    if (!s->slowSaid || now - s->slowSaid >= plcMsToNs(SLOW_AGAIN_MS))
+        plcStationLog(s, errlogMinor, "PLC takes blocks slowly: what is put waits for it");
+    s->slowSaid = now;
+}
+
 static void outputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
 {
     plcConnection *c;
@@ -132,15 +162,22 @@ static void outputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
         return;
     if (!plcConnectionIdle(c)) {
         sendBlock(s, 0, now, wake);
-        return;
-    }
-    if (!s->dirtySince && plcImageDirty(s->out))
+        if (c->state != plcConnectionUp || plcConnectionIdle(c))
+            return;
+    } else if (!s->dirtySince && plcImageDirty(s->out)) {
         s->dirtySince = now;
+    }
     due = epicsAtomicGetIntT(&s->sendNow) ? 0 : sendDue(s);
     if (now < due) {
+        s->slowSince = 0;
         plcEarlier(wake, due);
         return;
     }
+    if (!plcConnectionReady(c, now)) {
+        waitToSend(s, now, wake);
+        return;
+    }
+    s->slowSince = 0;
     epicsAtomicSetIntT(&s->sendNow, 0);
     plcImageTake(s->out, c->out);
     if (s->now.sync)

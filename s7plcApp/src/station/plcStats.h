@@ -46,6 +46,8 @@ typedef struct plcStats {
     epicsUInt64 coalesced;      /* blocks that joined a scan pass that was still waiting */
     epicsUInt64 ignored;        /* blocks of a PLC that does not lead */
     epicsUInt64 heartbeats;     /* unchanged blocks sent */
+    epicsUInt64 slowSends;      /* blocks that were due while the PLC had not taken the one
+                                   before */
     epicsUInt64 refusedWrites;  /* puts refused (offline, not synchronised, LOCAL) */
     epicsUInt64 syncs;          /* times the PLC agreed */
     epicsUInt64 syncsLost;      /* times it took that back, or the connection broke */

@@ -7,6 +7,9 @@
 
 #include <netinet/tcp.h>
 #include <sys/ioctl.h>
+#ifdef __linux__
+#include <linux/sockios.h>
+#endif
 
 #include <cantProceed.h>
 #include <epicsStdio.h>
@@ -16,6 +19,9 @@
 
 /* Socket options that make a dead peer known; s. Data unacknowledged that long, too. */
 enum { keepIdle = 5, keepInterval = 2, keepCount = 3, userTimeout = 10 };
+
+/* A host may wait so long before it acknowledges. */
+#define ACK_NS 250000000u
 
 /* Error numbers in the words of an operator; they go into AMSG. */
 static const struct {
@@ -123,6 +129,7 @@ void plcConnectionClose(plcConnection *c, const char *why, epicsUInt64 now)
         c->since = now;
     c->state = plcConnectionDown;
     c->sent = c->outSize;
+    c->queuedAt = 0;
     if (why && why != c->error)
         epicsSnprintf(c->error, sizeof(c->error), "%s", why);
 }
@@ -136,17 +143,45 @@ void plcConnectionAbort(plcConnection *c, const char *why, epicsUInt64 now)
     plcConnectionClose(c, why, now);
 }
 
+/* Bytes that the kernel has, because the PLC's host has not acknowledged them yet; -1: it does
+ * not tell. */
+static int queued(const plcConnection *c)
+{
+#ifdef TIOCOUTQ
+    int left;
+
+    if (ioctl(c->socket, TIOCOUTQ, &left) == 0)
+        return left;
+#endif
+    return -1;
+}
+
+/* Of them those that are not on their way: the PLC has no room for them. */
+static int unsent(const plcConnection *c)
+{
+#ifdef SIOCOUTQNSD
+    int left;
+
+    if (ioctl(c->socket, SIOCOUTQNSD, &left) == 0)
+        return left;
+#endif
+    return queued(c);
+}
+
 int plcConnectionDelivered(const plcConnection *c)
 {
-    int left = 0;
+    return plcConnectionIdle(c) && queued(c) == 0;
+}
 
+int plcConnectionReady(plcConnection *c, epicsUInt64 now)
+{
     if (!plcConnectionIdle(c))
         return 0;
-#ifdef TIOCOUTQ
-    if (ioctl(c->socket, TIOCOUTQ, &left) < 0)
-        return 0;
-#endif
-    return left == 0;
+    if (!c->queuedAt || queued(c) <= 0) {
+        c->queuedAt = 0;
+        return 1;
+    }
+    return now - c->queuedAt < ACK_NS && unsent(c) == 0;
 }
 
 PLC_HOT short plcConnectionEvents(const plcConnection *c)
@@ -177,6 +212,9 @@ int plcConnectionFinish(plcConnection *c, epicsUInt64 now)
     c->state = plcConnectionUp;
     c->since = now;
     c->sent = c->outSize;
+    c->queuedAt = 0;
+    if (queued(c) < 0)
+        setOption(c->socket, SOL_SOCKET, SO_SNDBUF, (int)c->outSize);
     c->error[0] = 0;
     plcFramingReset(c->framing);
     return 1;
@@ -222,5 +260,7 @@ int plcConnectionSend(plcConnection *c, int restart, epicsUInt64 now)
             return fail(c, errno, now);
         c->sent += count;
     }
+    if (!c->queuedAt)
+        c->queuedAt = now;
     return 1;
 }

@@ -30,6 +30,7 @@ typedef struct plcConnection {
     size_t outSize;
     char *out;            /* the block that leaves */
     size_t sent;          /* its bytes that are with the kernel; outSize: all */
+    epicsUInt64 queuedAt; /* when the kernel got what it still has; 0: it has nothing */
     char error[80];       /* why it is down, in words: "connection refused" */
 } plcConnection;
 
@@ -62,8 +63,13 @@ int plcConnectionFinish(plcConnection *c, epicsUInt64 now);
  * in c->framing). */
 int plcConnectionReceive(plcConnection *c, epicsUInt64 now);
 
-/* True when the next block may be put into c->out and sent. */
+/* True when all bytes of the block in c->out are with the kernel. */
 int plcConnectionIdle(const plcConnection *c);
+
+/* True when they have left it, too, so that the next block may be put into c->out and sent:
+ * the network has them, and the PLC's host has told so or is about to. Where the system
+ * does not tell, the send buffer is so small that it holds hardly more than a block. */
+int plcConnectionReady(plcConnection *c, epicsUInt64 now);
 
 /* Begins (restart=1) to send the block in c->out, or goes on with it. Returns 1 when all
  * of it is with the kernel, 0 when some is left for later, -1 lost as above. */
