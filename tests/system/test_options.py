@@ -230,7 +230,7 @@ def test_listed(new_ioc):
     ioc = new_ioc('s7plcConfigure("PLC", "", 0, 4, 4, 1, 1234, 100)', "")
     keys = ioc.command("s7plcSetOption")
     for key in ("recvTimeout", "sendInterval", "holdoff", "heartbeat", "offlineWrites",
-                "minUpdate", "scan", "wholeBlock", "alive", "aliveTimeout", "timestamp",
+                "minUpdate", "scan", "wholeBlock", "scanThread", "alive", "aliveTimeout", "timestamp",
                 "connectTimeout"):
         assert key in keys
     assert "1234" in ioc.command("s7plcSetOption PLC")

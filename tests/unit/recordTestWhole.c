@@ -96,9 +96,74 @@ static void run(const char *wholeBlock)
     iocEnd();
 }
 
+/* --- A record that waits does not hold up what the PLC expects ----------------------- */
+
+static const struct {
+    const char *option, *value; /* of the PLC */
+    const char *link;           /* of an output */
+    int puts;                   /* blocks leave because of puts; else they do by themselves */
+} duties[] = {
+    {"heartbeat",  "20",       "@P/0",     0},
+    {"sync",       "on",       "@P/4 R=4", 0},
+    {"track",      "on",       "@P/0 R=0", 1},
+    {"scanThread", "callback", "@P/0",     1},
+};
+
+static void sendHeader(int fd, unsigned char number)
+{
+    unsigned char block[6] = {3, number, 0, 0, 0, number}; /* SYNC, REMOTE */
+
+    toolSend(fd, block, sizeof(block));
+}
+
+static void runDuty(size_t row)
+{
+    int port = 0, listener = toolListen(&port), fd, i, left = 0;
+    char address[40], error[200], fields[60];
+    unsigned char block[6];
+    dbCommon *waits;
+    plcStation *s;
+
+    sprintf(address, "127.0.0.1:%d", port);
+    iocBegin();
+    s = makeStation("P", 1, 6, 6);
+    plcStationSetOption(s, "sendInterval", "1", error, sizeof(error));
+    if (plcStationSetOption(s, duties[row].option, duties[row].value, error, sizeof(error)))
+        testAbort("%s", error);
+    makeRecord("longin", "in", "INP=@P/4|SCAN=I/O Intr");
+    sprintf(fields, "OUT=%s", duties[row].link);
+    makeRecord("longout", "out", fields);
+    iocRunOk();
+    waits = find("in");
+    plcStationMove(s, address, error, sizeof(error));
+    fd = toolAccept(listener);
+    sendHeader(fd, 1);
+    WAIT_FOR(isNow("in", 1));
+    dbScanLock(waits); /* as long as something slow is done behind it */
+    sendHeader(fd, 2);
+    WAIT_FOR(stats(s).blocksIn == 2);
+    for (i = 0; i < 3; i++) {
+        if (duties[row].puts)
+            put("out", i & 1 ? "7" : "8");
+        left += toolReceive(fd, block, sizeof(block)) == sizeof(block);
+    }
+    testOk(left == 3, "%s=%s: blocks leave while a record waits", duties[row].option,
+           duties[row].value);
+    dbScanUnlock(waits);
+    WAIT_FOR(isNow("in", 2));
+    isValue("in", "2", "then it has its value");
+    toolClose(fd);
+    toolClose(listener);
+    iocEnd();
+}
+
 MAIN(recordTestWhole)
 {
-    testPlan(12);
+    size_t row;
+
+    testPlan((int)(12 + 2 * COUNT(duties)));
+    for (row = 0; row < COUNT(duties); row++)
+        runDuty(row);
     run("on");
     run("off");
     return testDone();

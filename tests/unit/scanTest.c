@@ -617,7 +617,7 @@ static void testHere(void)
     int passes = passesOf(&own);
 
     testOk(processedBy != self, "a pass runs in a callback thread");
-    plcScanHere(own.scan);
+    plcScanHere(own.scan, 1);
     numSequence = 0;
     plcScanRequestAll(own.scan);
     testOk(numSequence == OWN && processedBy == self,
@@ -629,10 +629,41 @@ static void testHere(void)
     testOk(waitPasses(&own, passes + 2) && processedBy != self,
            "records of two priorities go to the callback threads");
     testdbPutFieldOk("own:1.PRIO", DBR_STRING, "LOW");
-    plcScanHere(large.scan);
+    plcScanHere(large.scan, 1);
     plcScanRequestAll(large.scan);
     testOk(waitPasses(&large, 1) && numLarge == LARGE && firstBy == self && lastBy != self,
            "a large pass begins \"here\", the rest goes to a callback thread");
+}
+
+static void openSoon(void *ended)
+{
+    epicsEventMustWait(gateReached);
+    epicsThreadSleep(0.03);
+    openGate();
+    epicsEventMustTrigger(ended);
+}
+
+/* A record makes the thread that asked wait: once, and never again. */
+static void testHeld(void)
+{
+    epicsThreadId self = epicsThreadGetIdSelf();
+    epicsEventId ended = epicsEventMustCreate(epicsEventEmpty);
+    int i, passes, here = 0;
+
+    testOk(plcScanHeld(own.scan) == 0, "no pass has held us up so far");
+    closeGate("own:10");
+    epicsThreadMustCreate("opener", epicsThreadPriorityMedium,
+                          epicsThreadGetStackSize(epicsThreadStackSmall), openSoon, ended);
+    plcScanRequestAll(own.scan);
+    epicsEventMustWait(ended);
+    testOk(plcScanHeld(own.scan) >= 30, "one did, for %.0f ms", plcScanHeld(own.scan));
+    for (i = 0; i < 500; i++) {
+        passes = passesOf(&own);
+        plcScanRequestAll(own.scan);
+        here += !waitPasses(&own, passes + 1) || processedBy == self;
+    }
+    testOk(here == 0, "%d more passes: all in a callback thread", i);
+    epicsEventDestroy(ended);
 }
 
 static void testEmpty(void)
@@ -740,7 +771,7 @@ static void stopIoc(void)
 
 MAIN(scanTest)
 {
-    testPlan(2 + 8 + 8 + 17 + 9 + 9 + 21 + 13 + 7 + 3 + 4 + 1);
+    testPlan(2 + 8 + 8 + 17 + 9 + 9 + 21 + 13 + 7 + 3 + 3 + 4 + 1);
     startIoc();
     testBeforeInit();
     eltc(0); /* no messages of full queues */
@@ -761,6 +792,7 @@ MAIN(scanTest)
     testOwn();
     testDiag("Passes in the thread that asks for them");
     testHere();
+    testHeld();
     testDiag("No bytes, many ranges");
     testEmpty();
     testMany();

@@ -35,8 +35,7 @@
 #define BATCH 64        /* records copied under the lock, then processed without it */
 
 #define HERE_RECORDS 2000 /* a pass of more only begins in the thread that asks for it; */
-#define HERE_NS 5000000   /* after one that took longer there, it gets none of */
-#define HERE_PAUSE 200    /* that many that follow; twice as many each time */
+#define HERE_NS 20000000  /* after one that took longer there, it never gets another */
 
 #ifdef __GNUC__
 #define FETCH(address) __builtin_prefetch(address)
@@ -106,8 +105,7 @@ struct plcScan {
     int byRange;
     IOSCANPVT parked;   /* where Base keeps the records that we process; never scanned */
     int here;           /* passes may run in the thread that asks for them */
-    unsigned herePause; /* passes until that is tried again */
-    unsigned hereNext;  /* the same, for the next time that one took long */
+    epicsUInt64 held;   /* how long one of them held that thread up, ns; 0: none did */
     part part[NUM_CALLBACK_PRIORITIES];
     unsigned count[NUM_CALLBACK_PRIORITIES]; /* records in all groups */
     int total;          /* atomic: their sum */
@@ -279,12 +277,21 @@ void plcScanByRange(plcScan *scan, int byRange)
     epicsMutexUnlock(scan->lock);
 }
 
-void plcScanHere(plcScan *scan)
+void plcScanHere(plcScan *scan, int on)
 {
     epicsMutexMustLock(scan->lock);
-    scan->here = 1;
-    scan->hereNext = HERE_PAUSE;
+    scan->here = on;
     epicsMutexUnlock(scan->lock);
+}
+
+double plcScanHeld(plcScan *scan)
+{
+    double ms;
+
+    epicsMutexMustLock(scan->lock);
+    ms = (double)scan->held / 1e6;
+    epicsMutexUnlock(scan->lock);
+    return ms;
 }
 
 /* The group for these bytes; a new one when there is none. Lock held. */
@@ -839,30 +846,23 @@ static void pass(epicsCallback *callback)
 /* True when the pass over these priorities may begin in the thread that asks for it. */
 static int mayRunHere(plcScan *scan, unsigned prios)
 {
-    if (!scan->here || bitCount(prios) != 1)
-        return 0;
-    if (scan->herePause == 0)
-        return 1;
-    scan->herePause--;
-    return 0;
+    return scan->here && !scan->held && bitCount(prios) == 1;
 }
 
-static void pauseHere(plcScan *scan)
+static void keepAway(plcScan *scan, epicsUInt64 took)
 {
     epicsMutexMustLock(scan->lock);
-    scan->herePause = scan->hereNext;
-    if (scan->hereNext < (unsigned)-1 / 2)
-        scan->hereNext *= 2;
+    scan->held = took;
     epicsMutexUnlock(scan->lock);
 }
 
 /* A pass in the thread that asks for it: to wake another one costs as much as some hundred
  * records. Of a large one the first records, which then need not wait for that; the rest
  * is not for this thread. Only when all records have one priority, so that none waits for
- * less important ones; not for a while when it took long: some record makes others wait. */
+ * less important ones; never again when it took long: some record makes others wait. */
 static void runHere(plcScan *scan, unsigned prios, int all)
 {
-    epicsUInt64 start = epicsMonotonicGet();
+    epicsUInt64 start = epicsMonotonicGet(), took;
     int prio = 0;
 
     while (!(prios & 1u << prio))
@@ -873,8 +873,9 @@ static void runHere(plcScan *scan, unsigned prios, int all)
         runBatch(&scan->part[prio]);
         queue(scan, prios);
     }
-    if (epicsMonotonicGet() - start > HERE_NS)
-        pauseHere(scan);
+    took = epicsMonotonicGet() - start;
+    if (took > HERE_NS)
+        keepAway(scan, took);
 }
 
 /* The request is marked as pending: begins a pass unless one runs. Lock held; unlocks.

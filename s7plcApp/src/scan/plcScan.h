@@ -34,11 +34,15 @@ void plcScanDestroy(plcScan *scan);
  * 1 = a group for each distinct byte range (scan=changed). */
 void plcScanByRange(plcScan *scan, int byRange);
 
-/* From now on only the calling thread asks for passes, and they run in that thread, before
+/* 1: from now on only the calling thread asks for passes, and they run in that thread, before
  * the request returns: it does not hold a lock then, and may wait for records. This holds
  * for passes over records of one priority, the others go to the callback threads as ever;
- * and of a large pass only for its first records. */
-void plcScanHere(plcScan *scan);
+ * and of a large pass only for its first records. No pass runs there any more after one
+ * that took longer than 20 ms. 0: none does (as in the beginning). */
+void plcScanHere(plcScan *scan, int on);
+
+/* How long a pass has held that thread up, ms, so that it gets none any more; else 0. */
+double plcScanHeld(plcScan *scan);
 
 /* A record that reads `length` bytes at `offset` joins, or leaves; `leave` as
  * get_ioint_info gets it (0 join, 1 leave), which calls this with the record locked. The

@@ -52,6 +52,8 @@ static const optRow rows[] = {
  "I/O Intr processes all input records at each block, or those whose bytes changed"},
 {"wholeBlock",     optChoice, AT(wholeBlock),     0, 0,  0, "", "off|on",       0,  0,
  "one I/O Intr pass sees exactly one block, however long it takes"},
+{"scanThread",     optChoice, AT(scanThread),     0, 0,  0, "", "own|callback", 0,  0,
+ "small passes of I/O Intr run in the PLC's own thread where nothing waits for it, or never"},
 {"alive",          optAlive,  AT(alive), AT(aliveType), 0, PLC_BLOCK_MAX, "bytes", NULL, PLC_OFF, 0,
  "a word of the input block that changes while the PLC program runs: offset[,type]"},
 {"aliveTimeout",   optNumber, AT(aliveTimeout),   0, 10, 3600000, "ms", NULL, 2000, 0,

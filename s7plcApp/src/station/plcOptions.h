@@ -15,6 +15,7 @@ enum { plcScanAll, plcScanChanged };       /* scan= */
 enum { plcClockIsDt, plcClockIsDtl };      /* timestamp= */
 enum { plcWordsAsBytes, plcWordsHigh, plcWordsLow }; /* wordOrder= */
 enum { plcMaskRefuse, plcMaskRmw };        /* maskWrite= */
+enum { plcPassOwn, plcPassCallback };      /* scanThread= */
 
 #define PLC_OFF (-1.0) /* an option with an offset or a register, not in use */
 
@@ -28,6 +29,7 @@ typedef struct plcOptions {
     int offlineWrites;
     int scan;
     int wholeBlock;        /* 0 or 1 */
+    int scanThread;        /* plcPassOwn, plcPassCallback */
     int track;             /* 0 or 1 */
     double readback;       /* offset in the input block, PLC_OFF */
     double alive;          /* offset in the input block, PLC_OFF */

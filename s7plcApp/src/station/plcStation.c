@@ -460,6 +460,10 @@ void plcStationAddReadback(plcStation *s, const void *key, size_t out, size_t in
     if (s->exchange)
         plcReadbackAdd(placed ? s->exchange->readback : s->exchange->tracked, key, out, out,
                        length, mask);
+    epicsMutexMustLock(s->lock);
+    s->optionsChanged = 1; /* a duty more for the thread: see chooseScanThread */
+    epicsMutexUnlock(s->lock);
+    plcStationWake(s);
 }
 
 void plcStationRemoveReadback(plcStation *s, const void *key)

@@ -146,6 +146,7 @@ struct plcStation {
     epicsUInt64 nextStatsScan;
     int tracks;                /* the option track, as read-backs know it */
     epicsUInt64 followAgain;   /* when to ask for the callback again; 0: not wanted */
+    int heldTold;              /* that a scan pass held the thread up has been said */
     int toldState, toldLeader; /* when statistics were last scanned */
     epicsUInt64 policyWake;    /* 0: none */
     unsigned logTokens;        /* log lines that may still be written this minute */

@@ -249,6 +249,36 @@ PLC_COLD static void noteWrites(plcStation *s, epicsUInt64 now)
         plcReadbackWait(s->exchange->tracked, s->out, now, leaves);
 }
 
+/* True when somebody counts on this thread: the watchdog of a PLC, its partner, who compares
+ * outputs with what the PLC shows. A record that waits must not hold it up then. */
+static int hasDuty(plcStation *s)
+{
+    return s->now.heartbeat > 0 || s->now.sync || plcStationIsPair(s) ||
+           plcReadbackCount(s->readback) ||
+           (s->exchange && plcReadbackCount(s->exchange->tracked));
+}
+
+static void chooseScanThread(plcStation *s)
+{
+    plcScanHere(s->inScan, s->now.scanThread == plcPassOwn && !hasDuty(s));
+}
+
+/* A record made this thread wait. Says so once. */
+static void heldUp(plcStation *s)
+{
+    double ms = s->heldTold ? 0 : plcScanHeld(s->inScan);
+    char text[160];
+
+    if (!(ms > 0))
+        return;
+    s->heldTold = 1;
+    epicsSnprintf(text, sizeof(text),
+                  "records that process by I/O Intr took %.0f ms, and the PLC's own thread "
+                  "waited for them: callback threads process them from now on",
+                  ms);
+    plcStationLog(s, errlogMinor, text);
+}
+
 /* Takes over what other threads have changed. */
 PLC_HOT static void takeOrders(plcStation *s, epicsUInt64 now)
 {
@@ -268,6 +298,8 @@ PLC_HOT static void takeOrders(plcStation *s, epicsUInt64 now)
         s->policy->options(s->policyPvt, &s->now);
     if (changed && s->exchange)
         plcExchangeOptions(s);
+    if (changed)
+        chooseScanThread(s);
     if (changed)
         noteWrites(s, now);
     for (i = 0; moved && i < s->lineCount; i++) {
@@ -291,7 +323,6 @@ static void begin(plcStation *s)
     if (s->exchange)
         plcExchangeBegin(s);
     takeOrders(s, 0);
-    plcScanHere(s->inScan);
     plcSyncInit(&s->sync, (epicsUInt16)s->now.layout);
     if (s->now.readback >= 0) {
         size_t header = plcStationHeader(s);
@@ -360,6 +391,7 @@ PLC_HOT void plcStationThread(void *arg)
         if (!ran && epicsAtomicGetIntT(&s->running)) {
             /* Blocks that came before scans were on have reached no record. */
             ran = 1;
+            chooseScanThread(s); /* all records have joined */
             if (s->valid)
                 plcScanRequestAll(s->inScan);
             plcScanRequestAll(s->statusScan);
@@ -379,6 +411,7 @@ PLC_HOT void plcStationThread(void *arg)
         outputStep(s, now, &wake);
         outScanStep(s, now, &wake);
         statsStep(s, now, &wake);
+        heldUp(s);
         if (s->policyWake)
             plcEarlier(&wake, s->policyWake);
         waitFor(s, wake);
