@@ -6,10 +6,11 @@
 #include "simServers.h"
 
 #include "simBlockServer.h"
+#include "simEipServer.h"
 #include "simModbusServer.h"
 
 const simServerType *const simServers[] = {&simBlockServerType, &simModbusServerType,
-                                           NULL};
+                                           &simEipServerType, NULL};
 
 void simServersKeys(simConfig *config)
 {

@@ -27,6 +27,19 @@ void simPlcAddSignal(simPlc *plc, const simSignal *signal)
     plc->signals[plc->signalCount++] = *signal;
 }
 
+void simPlcDropSignals(simPlc *plc, const simBlock *block)
+{
+    size_t i, kept = 0;
+
+    for (i = 0; i < plc->signalCount; i++) {
+        if (plc->signals[i].place.block == block)
+            simSignalFree(&plc->signals[i]);
+        else
+            plc->signals[kept++] = plc->signals[i];
+    }
+    plc->signalCount = kept;
+}
+
 int simPlcSignal(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE])
 {
     simSignal signal;
