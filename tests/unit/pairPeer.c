@@ -29,6 +29,7 @@ struct pairPeer {
     epicsMutexId lock; /* guards from here ... */
     int stop, sends, pulled, closes, down;
     double period, slow; /* ms */
+    int slip; /* bytes that the next block is too long, or (negative) too short */
     pairPeerSeen seen;
     epicsUInt32 words[WORDS];
     unsigned counts[WORDS], nextWord;
@@ -91,9 +92,12 @@ static void putWord(unsigned char *to, epicsUInt32 word)
 
 static void sendBlock(pairPeer *p, epicsUInt64 now)
 {
-    unsigned char block[PEER_IN] = {0};
+    unsigned char block[2 * PEER_IN] = {0};
+    size_t size;
 
     epicsMutexMustLock(p->lock);
+    size = (size_t)(PEER_IN + p->slip);
+    p->slip = 0;
     if (p->lastSend && now - p->lastSend > p->seen.longest)
         p->seen.longest = now - p->lastSend;
     p->lastSend = now;
@@ -102,7 +106,7 @@ static void sendBlock(pairPeer *p, epicsUInt64 now)
     putWord(block + 4, p->seen.sent);
     putWord(block + 8, p->seen.last);
     epicsMutexUnlock(p->lock);
-    if (send(p->connection, block, sizeof(block), MSG_NOSIGNAL) != sizeof(block))
+    if (send(p->connection, block, size, MSG_NOSIGNAL) != (ssize_t)size)
         hangUp(p);
 }
 
@@ -271,6 +275,13 @@ void pairPeerSlow(pairPeer *p, double ms)
 {
     epicsMutexMustLock(p->lock);
     p->slow = ms;
+    order(p);
+}
+
+void pairPeerSlip(pairPeer *p, int by)
+{
+    epicsMutexMustLock(p->lock);
+    p->slip = by;
     order(p);
 }
 

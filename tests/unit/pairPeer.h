@@ -27,6 +27,9 @@ void pairPeerPeriod(pairPeer *peer, double ms);
  * a busy machine that lets this thread sleep does not matter. */
 void pairPeerSlow(pairPeer *peer, double ms);
 
+/* The next block is so many bytes too long, or (negative) too short; under PEER_IN. */
+void pairPeerSlip(pairPeer *peer, int by);
+
 /* 1: sends (PRIMARY), the first block at once; 0: does not (BACKUP). */
 void pairPeerSend(pairPeer *peer, int on);
 

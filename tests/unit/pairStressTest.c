@@ -1,5 +1,6 @@
-/* A pair under random episodes: switch-overs, pulls, closes, restarts, two PRIMARYs.
- * After each of them leader, counters and values must be what a small model says.
+/* A pair under random episodes: switch-overs, pulls, closes, restarts, two PRIMARYs,
+ * streams that slip. After each of them leader, counters and values must be what a small
+ * model says.
  *
  * Arguments: number of episodes (30), seed of the random numbers (from the clock).
  * PLCs send every few ms. A machine that lets a PLC of the test sleep makes it silent in
@@ -182,6 +183,21 @@ static void stray(void)
     mustBecome(epicsMonotonicGet() > quiet, "time goes by");
 }
 
+/* The stream of the PRIMARY slips, after enough blocks that its rhythm is known. */
+static void slip(void)
+{
+    int by = 1 + (int)randomBelow(PEER_IN - 1);
+    epicsUInt32 sent = pairWorldSeen(&w, m.leader).sent;
+    plcStats before, now;
+
+    mustBecome(pairWorldSeen(&w, m.leader).sent > sent + 12, "blocks are sent");
+    plcStationStats(w.station, &before);
+    sometimesPut();
+    pairPeerSlip(w.plc[m.leader], randomBelow(2) ? by : -by);
+    mustBecome((plcStationStats(w.station, &now), now.outOfStep > before.outOfStep),
+               "a stream that slipped is found out of step");
+}
+
 static struct {
     const char *name;
     void (*run)(void);
@@ -195,6 +211,7 @@ static struct {
     {"pullBackup",    pullBackup,    0},
     {"bothSend",      bothSend,      0},
     {"stray",         stray,         0},
+    {"slip",          slip,          0},
 };
 
 #define EPISODES (sizeof(episodes) / sizeof(episodes[0]))
@@ -228,6 +245,7 @@ static void check(void)
     mustBecome(w.counter > counter + 1, "new values come");
     must(w.now.switchovers == m.switchovers, "switch-overs are counted right");
     must(!w.gap, "the data was valid all the time");
+    must(!w.strange, "each value is one that a PLC has sent");
     mustBecome(pairWorldSeen(&w, m.leader).last == m.word,
                "the PRIMARY has the last put");
     backup = pairWorldSeen(&w, !m.leader);

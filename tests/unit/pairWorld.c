@@ -78,6 +78,7 @@ int pairWorldLook(pairWorld *w)
         w->who = wordAt(block, 0);
         w->counter = wordAt(block, 4);
         w->mirror = wordAt(block, 8);
+        w->strange |= (w->who != 1 && w->who != 2) || wordAt(block, 12);
     }
     phoenixPairStatus(w->pair, &w->now);
     return 1;

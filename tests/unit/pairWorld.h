@@ -13,6 +13,7 @@ typedef struct pairWorld {
     int follows; /* the word has a read-back, its mirror */
     int gap; /* data was seen to be not valid, though it had been */
     int valid;
+    int strange; /* a value was seen that neither PLC has sent */
     phoenixStatus now; /* as of the last look */
     epicsUInt32 who;   /* whose block is in the image, 0: not valid */
     epicsUInt32 counter;
