@@ -495,6 +495,21 @@ static void testQueueFull(void)
            "nothing waits any more");
 }
 
+/* Nobody asks again: the last request must not be lost for that. */
+static void testQueueFullOnce(void)
+{
+    int passes = passesOf(&range);
+
+    rememberRanges();
+    fillQueue(priorityLow);
+    plcScanRequestAll(range.scan);
+    waitQueue(priorityMedium);
+    waitQueue(priorityHigh);
+    epicsEventMustTrigger(goOn);
+    testOk(waitPasses(&range, passes + 1), "a queue that was full: the pass ends on its own");
+    testOk(onlyProcessed(EVERYONE), "with all records");
+}
+
 /* --- Records come and go ------------------------------------------------------------ */
 
 static void testJoin(void)
@@ -771,7 +786,7 @@ static void stopIoc(void)
 
 MAIN(scanTest)
 {
-    testPlan(2 + 8 + 8 + 17 + 9 + 9 + 21 + 13 + 7 + 3 + 3 + 4 + 1);
+    testPlan(2 + 8 + 8 + 17 + 9 + 9 + 2 + 21 + 13 + 7 + 3 + 3 + 4 + 1);
     startIoc();
     testBeforeInit();
     eltc(0); /* no messages of full queues */
@@ -786,6 +801,7 @@ MAIN(scanTest)
     testUnion();
     testDiag("A callback queue that is full");
     testQueueFull();
+    testQueueFullOnce();
     testDiag("Records come and go");
     testJoin();
     testDiag("Many records of one group");

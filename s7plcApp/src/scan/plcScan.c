@@ -22,7 +22,9 @@
 #include <dbLock.h>
 #include <epicsAtomic.h>
 #include <epicsMutex.h>
+#include <epicsThread.h>
 #include <epicsTime.h>
+#include <epicsTimer.h>
 
 #include "plcHot.h"
 #include "plcScan.h"
@@ -36,6 +38,8 @@
 
 #define HERE_RECORDS 2000 /* a pass of more only begins in the thread that asks for it; */
 #define HERE_NS 20000000  /* after one that took longer there, it never gets another */
+
+#define AGAIN_S 0.05 /* a pass is asked for again so long after its queue was full */
 
 #ifdef __GNUC__
 #define FETCH(address) __builtin_prefetch(address)
@@ -123,6 +127,7 @@ struct plcScan {
     unsigned remaining;  /* priorities of the pass that are not yet over */
     int partial;         /* a priority of the pass could not be queued */
     epicsUInt64 pendingSince, runningSince; /* ns; 0: no one asked while scans were on */
+    epicsTimerId again; /* NULL: no queue was full yet */
 
     group **buckets; /* hash of (offset, length); a power of 2 */
     size_t numBuckets;
@@ -134,6 +139,9 @@ struct plcScan {
     entry *wide;
     size_t numWide;
 };
+
+static epicsTimerQueueId timers; /* of all scans */
+static epicsThreadOnceId timersOnce = EPICS_THREAD_ONCE_INIT;
 
 static void pass(epicsCallback *callback);
 
@@ -248,6 +256,8 @@ void plcScanDestroy(plcScan *scan)
 
     if (!scan)
         return;
+    if (scan->again)
+        epicsTimerQueueDestroyTimer(timers, scan->again);
     for (i = 0; i < scan->numGroups; i++) {
         group *g = scan->groups[i];
 
@@ -675,7 +685,39 @@ PLC_HOT static unsigned begin(plcScan *scan)
     return prios;
 }
 
-/* These priorities could not be queued: they wait for the next request. */
+static void startTimers(void *arg)
+{
+    (void)arg;
+    timers = epicsTimerQueueAllocate(1, epicsThreadPriorityScanLow);
+}
+
+static void again(void *pvt);
+
+/* No lock is held. */
+PLC_COLD static void askAgain(plcScan *scan)
+{
+    epicsTimerId mine, spare = NULL;
+
+    epicsThreadOnce(&timersOnce, startTimers, NULL);
+    epicsMutexMustLock(scan->lock);
+    mine = scan->again;
+    epicsMutexUnlock(scan->lock);
+    if (!mine) {
+        mine = epicsTimerQueueCreateTimer(timers, again, scan);
+        epicsMutexMustLock(scan->lock);
+        if (scan->again) { /* of another priority, just now */
+            spare = mine;
+            mine = scan->again;
+        }
+        scan->again = mine;
+        epicsMutexUnlock(scan->lock);
+    }
+    if (spare)
+        epicsTimerQueueDestroyTimer(timers, spare);
+    epicsTimerStartDelay(mine, AGAIN_S);
+}
+
+/* These priorities could not be queued: they wait for the next request, or the timer. */
 PLC_COLD static void putBack(plcScan *scan, unsigned prios)
 {
     size_t i;
@@ -693,6 +735,7 @@ PLC_COLD static void putBack(plcScan *scan, unsigned prios)
     if (scan->remaining == 0)
         scan->busy = 0;
     epicsMutexUnlock(scan->lock);
+    askAgain(scan);
 }
 
 /* Queues one callback for each of these priorities of the pass, the highest first. */
@@ -707,6 +750,19 @@ static void queue(plcScan *scan, unsigned prios)
     }
     if (failed)
         putBack(scan, failed);
+}
+
+/* In the thread of the timer: a pass over what is still pending. */
+PLC_COLD static void again(void *pvt)
+{
+    plcScan *scan = pvt;
+    unsigned prios = 0;
+
+    epicsMutexMustLock(scan->lock);
+    if (interruptAccept && !scan->busy)
+        prios = begin(scan);
+    epicsMutexUnlock(scan->lock);
+    queue(scan, prios);
 }
 
 /* The next steps of the pass for this priority. Returns how many, 0 at the end. */

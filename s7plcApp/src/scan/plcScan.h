@@ -58,8 +58,8 @@ IOSCANPVT plcScanJoin(plcScan *scan, size_t offset, size_t length, int prio, int
 /* Asks for a pass over all records. Returns 1 when it was merged into one that was
  * already waiting (coalesced), 0 when it starts or will start a pass of its own.
  * Before iocInit is through and while the IOC is paused no pass begins, as with
- * scanIoRequest, but the request stays for the next one that comes later. The same holds
- * when a callback queue is full: only what could not be queued is tried again. */
+ * scanIoRequest, but the request stays for the next one that comes later. When a callback
+ * queue is full, what could not be queued is tried again, soon and on its own. */
 int plcScanRequestAll(plcScan *scan);
 
 /* Asks for a pass over the groups whose bytes differ between the two blocks of blockSize
