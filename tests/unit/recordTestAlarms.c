@@ -9,6 +9,7 @@
 #include <dbAccess.h>
 #include <dbUnitTest.h>
 #include <epicsStdio.h>
+#include <epicsThread.h>
 #include <epicsTime.h>
 #include <epicsUnitTest.h>
 #include <osiSock.h>
@@ -138,6 +139,17 @@ static void timeOf(const char *record, epicsTimeStamp *stamp)
     dbScanLock(prec);
     *stamp = prec->time;
     dbScanUnlock(prec);
+}
+
+static epicsTimeStamp timeNow(const char *record)
+{
+    dbCommon *prec = testdbRecordPtr(record);
+    epicsTimeStamp stamp;
+
+    dbScanLock(prec);
+    stamp = prec->time;
+    dbScanUnlock(prec);
+    return stamp;
 }
 
 static void testTimes(void)
@@ -306,6 +318,7 @@ static void receive(SOCKET plc, epicsUInt8 *block)
 static void testReturn(void)
 {
     testMonitor *pini, *high;
+    epicsTimeStamp began, ended;
     unsigned short port;
     SOCKET server = listenLocal(&port), plc;
     epicsUInt8 sent[BLOCK];
@@ -320,6 +333,7 @@ static void testReturn(void)
     iocRunOk();
     isField("Pini", "STAT", "COMM", "has a COMM alarm while the PLC is away");
     isField("High", "STAT", "COMM", "has a COMM alarm while the PLC is away");
+    began = timeNow("Pini");
     pini = testMonitorCreate("Pini", DBE_ALARM, 0);
     high = testMonitorCreate("High", DBE_ALARM, 0);
     epicsSnprintf(address, sizeof(address), "127.0.0.1:%u", port);
@@ -327,6 +341,8 @@ static void testReturn(void)
     plc = epicsSocketAccept(server, NULL, NULL);
     waitFor(pini, "Pini.SEVR", "NO_ALARM");
     isAlarm("Pini", "NO_ALARM", "NO_ALARM", "", "when the PLC has come");
+    ended = timeNow("Pini");
+    testOk(epicsTimeGreaterThan(&ended, &began), "the end of an alarm has a time of its own");
     waitFor(high, "High.SEVR", "MAJOR");
     isAlarm("High", "MAJOR", "HIHI", "", "again when the PLC has come");
     isField("Never", "STAT", "UDF", "without a value keeps its UDF alarm");
@@ -336,6 +352,79 @@ static void testReturn(void)
     testMonitorDestroy(high);
     epicsSocketDestroy(plc);
     epicsSocketDestroy(server);
+    iocEnd();
+}
+
+/* --- The PLC is off, and records have I/O Intr --------------------------------------------- */
+
+static void waitText(const char *pv, const char *text)
+{
+    int tries = 0;
+
+    while (strcmp(get(pv), text) && tries++ < 20000)
+        epicsThreadSleep(0.001);
+}
+
+static void testOff(void)
+{
+    static const char refused[] = "connection refused by PLC";
+    epicsUInt8 block[BLOCK] = {0};
+    epicsTimeStamp start, stamp;
+    char address[40], error[200];
+    unsigned short port;
+    plcStation *live, *dead;
+    SOCKET server = listenLocal(&port);
+
+    iocBegin();
+    live = makeStation("P", 1, BLOCK, BLOCK);
+    dead = makeStation("Q", 1, BLOCK, BLOCK);
+    epicsSnprintf(address, sizeof(address), "127.0.0.1:%u", port);
+    epicsSocketDestroy(server); /* nobody listens there now */
+    plcStationMove(dead, address, error, sizeof(error));
+    makeRecord("ai", "In", "INP=@Q/0|SCAN=I/O Intr|FLNK=Chain");
+    makeRecord("ai", "Event", "INP=@Q/0|SCAN=I/O Intr|TSE=-2");
+    makeRecord("waveform", "Array", "INP=@Q/0|FTVL=SHORT|NELM=2|SCAN=I/O Intr");
+    makeRecord("longin", "Passive", "INP=@Q/0");
+    makeRecord("ai", "Moved", "INP=@P/0|SCAN=I/O Intr");
+    makeRecord("ai", "Bad", "INP=@P/0|SCAN=I/O Intr");
+    makeRecord("bi", "Stat", "INP=@Q|DTYP=S7plc stat|SCAN=I/O Intr|ZSV=MAJOR|TSE=-2");
+    makeRecord("calc", "Chain", "DTYP=|CALC=VAL+1");
+    epicsTimeGetCurrent(&start);
+    iocRunOk();
+    waitText("In.AMSG", refused);
+    waitText("Event.AMSG", refused);
+    waitText("Array.AMSG", refused);
+    waitText("Stat.STAT", "STATE");
+    isAlarm("In", "INVALID", "COMM", refused, "without a block");
+    isAlarm("Event", "INVALID", "COMM", refused, "without a block");
+    isAlarm("Array", "INVALID", "COMM", refused, "without a block");
+    isField("In", "UDF", "1", "is not defined");
+    isValue("Chain", "0", "it has not processed for that");
+    stamp = timeNow("In");
+    testOk(epicsTimeGreaterThanEqual(&stamp, &start), "the alarm has a time");
+    stamp = timeNow("Event");
+    testOk(epicsTimeGreaterThanEqual(&stamp, &start), "with TSE=-2, too");
+    isAlarm("Passive", "INVALID", "UDF", "", "as long as nobody reads it");
+    isField("Stat", "SEVR", "MAJOR", "has its own severity");
+    isField("Stat", "STAT", "STATE", "says that the PLC is off");
+    isField("Stat", "UDF", "0", "is defined");
+    isValue("Stat", "0", "S7plc stat is 0");
+
+    publish(live, block, 1);
+    put("Moved.PROC", "1");
+    isAlarm("Moved", "NO_ALARM", "NO_ALARM", "", "with a value of its PLC");
+    put("Moved.INP", "@Q/0");
+    waitText("Moved.AMSG", refused);
+    isAlarm("Moved", "INVALID", "COMM", refused, "when its link goes to a PLC that is off");
+    put("Bad.PROC", "1");
+    stamp = timeNow("Bad");
+    put("Bad.INP", "@Q/9999");
+    isField("Bad", "STAT", "LINK", "has a bad link now");
+    start = timeNow("Bad");
+    testOk(epicsTimeGreaterThan(&start, &stamp), "that alarm has a time of its own");
+    publish(dead, block, 1);
+    put("In.PROC", "1");
+    isAlarm("In", "NO_ALARM", "NO_ALARM", "", "with a block");
     iocEnd();
 }
 
@@ -415,11 +504,12 @@ static void testConnection(void)
 
 MAIN(recordTestAlarms)
 {
-    testPlan((int)(IN_TESTS * COUNT(inputs) + 6 + 6 * COUNT(outputs) + 11 + 6 + 13));
+    testPlan((int)(IN_TESTS * COUNT(inputs) + 6 + 6 * COUNT(outputs) + 11 + 7 + 17 + 13));
     testInputs();
     testTimes();
     testOutputs();
     testReturn();
+    testOff();
     testConnection();
     return testDone();
 }

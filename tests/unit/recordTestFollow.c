@@ -4,7 +4,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <callback.h>
 #include <dbAccess.h>
+#include <epicsEvent.h>
 #include <epicsStdio.h>
 #include <epicsUnitTest.h>
 #include <testMain.h>
@@ -85,6 +87,15 @@ static void sendNext(plcStation *s, int fd, unsigned char *block)
 
     block[0]++;
     toolSend(fd, block, IN);
+    WAIT_FOR(plcImageRead(plcStationInput(s), 0, 1, &byte, NULL) == 0 && byte == block[0]);
+}
+
+static void sendNext16(plcStation *s, int fd, unsigned char *block)
+{
+    unsigned char byte = 0;
+
+    block[0]++;
+    toolSend(fd, block, 16);
     WAIT_FOR(plcImageRead(plcStationInput(s), 0, 1, &byte, NULL) == 0 && byte == block[0]);
 }
 
@@ -269,12 +280,231 @@ static void testMixed(void)
     iocEnd();
 }
 
+/* An IOC with one PLC, 16 bytes each way, and the records that `make` makes. */
+static plcStation *small(int *listener, void (*make)(void), const char *option)
+{
+    char address[40], error[200];
+    int port = 0;
+    plcStation *s;
+
+    *listener = toolListen(&port);
+    iocBegin();
+    s = makeStation("P", 1, 16, 16);
+    plcStationSetOption(s, "sendInterval", "5", error, sizeof(error));
+    if (option && plcStationSetOption(s, option, "on", error, sizeof(error)))
+        testAbort("%s", error);
+    make();
+    iocRunOk();
+    sprintf(address, "127.0.0.1:%d", port);
+    plcStationMove(s, address, error, sizeof(error));
+    return s;
+}
+
+static void endSmall(int fd, int listener)
+{
+    toolClose(fd);
+    toolClose(listener);
+    iocEnd();
+}
+
+/* --- Delayed writes ------------------------------------------------------------------------ */
+
+static void makeDelays(void)
+{
+    makeRecord("calcout", "late", "OUT=@P/0 R=0|CALC=A|A=7|ODLY=1|PINI=YES");
+    makeRecord("calcout", "idle", "OUT=@P/2 R=2|CALC=A|A=8|ODLY=0.2");
+    makeRecord("calcout", "rare", "OUT=@P/4 R=4|CALC=A|A=9|OOPT=On Change");
+    makeRecord("bo", "pulse", "OUT=@P/6 T=BYTE B=0 R=6|HIGH=0.2");
+    makeRecord("longout", "change", "OUT=@P/8 R=8|VAL=5|OOPT=On Change|PINI=YES");
+    makeRecord("calcout", "clock", "OUT=@P/10|CALC=A+1|INPA=clock.VAL|ODLY=0.4");
+}
+
+static void testDelays(void)
+{
+    unsigned char block[16] = {1, 2, 3, 4, 5, 6, 1, 0, 7, 8}, received[16];
+    int listener, fd;
+    plcStation *s = small(&listener, makeDelays, NULL);
+
+    testDiag("writes that come later");
+    fd = toolAccept(listener);
+    WAIT_FOR(plcStationConnected(s, NULL));
+    testOk(strcmp(get("late.DLYA"), "1") == 0, "a calcout is in its delay when the PLC comes");
+    toolSend(fd, block, 16);
+    WAIT_FOR(isNow("idle.OVAL", "772") && isNow("rare.OVAL", "1286") && isNow("pulse", "1") &&
+             isNow("change", "1800"));
+    isValue("idle.OVAL", "772", "a calcout with ODLY takes the PLC's value");
+    isValue("idle", "0", "and does not calculate for that");
+    isValue("rare.OVAL", "1286", "one with OOPT too");
+    isValue("pulse", "1", "a bo with HIGH too");
+    isValue("change", "1800", "a longout with OOPT too");
+    WAIT_FOR(strcmp(get("late.DLYA"), "0") == 0 && isNow("late.OVAL", "258"));
+    isValue("late.OVAL", "258", "the delayed write takes the PLC's value, too");
+    put("clock.PROC", "1"); /* leaves when all others could have */
+    testOk(toolReceive(fd, received, 16) == 16 && memcmp(received, block, 10) == 0 &&
+               received[11] == 1,
+           "no byte has left until the first put; then all is as the PLC holds it");
+    put("late.A", "21");
+    testOk(toolReceive(fd, received, 16) == 16 && received[1] == 21,
+           "what it calculates later is a put");
+    put("rare.A", "22");
+    testOk(toolReceive(fd, received, 16) == 16 && received[5] == 22, "and of the other");
+    put("pulse", "1");
+    do
+        received[6] = 1;
+    while (toolReceive(fd, received, 16) == 16 && received[6]);
+    testOk(received[6] == 0, "the end of a pulse that was put is written");
+    endSmall(fd, listener);
+}
+
+/* --- A PLC that is connected and silent ---------------------------------------------------- */
+
+static void makeMute(void)
+{
+    makeRecord("longout", "plain", "OUT=@P/0|VAL=11|PINI=YES");
+    makeRecord("longout", "late", "OUT=@P/4");
+    makeRecord("longout", "back", "OUT=@P/2 R=2");
+}
+
+static void isHeld(const char *record, const char *when)
+{
+    char pv[40], title[80];
+
+    epicsSnprintf(title, sizeof(title), "%s, %s, says so", record, when);
+    epicsSnprintf(pv, sizeof(pv), "%s.AMSG", record);
+    isValue(pv, "waits for the PLC's first block", title);
+    epicsSnprintf(pv, sizeof(pv), "%s.STAT", record);
+    isValue(pv, "COMM", title);
+}
+
+static void testMute(void)
+{
+    unsigned char block[16] = {0}, received[16];
+    int listener, fd;
+    plcStation *s = small(&listener, makeMute, NULL);
+
+    testDiag("one record with R= holds the others back");
+    fd = toolAccept(listener);
+    WAIT_FOR(plcStationHeld(s) && plcStationOutputConnected(s, NULL));
+    put("late", "12");
+    isHeld("late", "put while nothing leaves");
+    put("plain", "13");
+    isHeld("plain", "written before the PLC came");
+    testOk(toolPeek(fd, received, 16) == 0, "nothing has left");
+    toolSend(fd, block, 16);
+    WAIT_FOR(strcmp(get("late.SEVR"), "NO_ALARM") == 0 &&
+             strcmp(get("plain.SEVR"), "NO_ALARM") == 0);
+    isValue("late.SEVR", "NO_ALARM", "the first block ends it");
+    isValue("plain.SEVR", "NO_ALARM", "for all");
+    testOk(toolReceive(fd, received, 16) == 16 && received[1] == 13 && received[5] == 12,
+           "and the values leave");
+    toolClose(fd);
+    fd = toolAccept(listener);
+    WAIT_FOR(plcStationHeld(s) && plcStationOutputConnected(s, NULL));
+    put("late", "14");
+    isHeld("late", "on the next connection");
+    put("back.OUT", "@P/2");
+    WAIT_FOR(strcmp(get("late.SEVR"), "NO_ALARM") == 0);
+    isValue("late.SEVR", "NO_ALARM", "no record has R= any more: it ends");
+    testOk(toolReceive(fd, received, 16) == 16 && received[5] == 14, "and the value leaves");
+    endSmall(fd, listener);
+}
+
+/* --- Links that change --------------------------------------------------------------------- */
+
+static void makeLinked(void)
+{
+    makeRecord("longout", "first", "OUT=@P/0 R=0");
+    makeRecord("longout", "moved", "OUT=@P/4|VAL=3");
+    makeRecord("longout", "put", "OUT=@P/6|VAL=3");
+}
+
+static void testLinks(void)
+{
+    unsigned char block[16] = {0, 1, 0, 2, 0, 3, 0, 4, 0, 5, 0, 6}, received[16];
+    int listener, fd;
+    plcStation *s = small(&listener, makeLinked, NULL);
+
+    testDiag("a link gets a read-back");
+    fd = toolAccept(listener);
+    sendNext16(s, fd, block);
+    WAIT_FOR(isNow("first", "257"));
+    put("moved.OUT", "@P/8 R=8");
+    put("put.OUT", "@P/10 R=10");
+    put("put", "77");
+    testOk(toolReceive(fd, received, 16) == 16, "a put leaves");
+    sendNext16(s, fd, block);
+    WAIT_FOR(isNow("moved", "5"));
+    isValue("moved", "5", "a new place begins with the PLC's value");
+    isValue("put", "77", "but a put that came first stays");
+    put("first", "1");
+    testOk(toolReceive(fd, received, 16) == 16 && received[9] == 5 && received[11] == 77,
+           "the next block has both");
+    endSmall(fd, listener);
+}
+
+/* --- A callback queue that is full --------------------------------------------------------- */
+
+static epicsEventId hangs, goOn;
+
+static void hang(epicsCallback *callback)
+{
+    (void)callback;
+    epicsEventMustTrigger(hangs);
+    epicsEventMustWait(goOn);
+}
+
+static void nothing(epicsCallback *callback)
+{
+    (void)callback;
+}
+
+static void testQueueFull(void)
+{
+    epicsCallback hanging, filler;
+    unsigned char block[16] = {0};
+    int listener, fd;
+    plcStation *s;
+
+    testDiag("a callback queue that is full when the PLC comes back");
+    callbackSetQueueSize(10);
+    hangs = epicsEventMustCreate(epicsEventEmpty);
+    goOn = epicsEventMustCreate(epicsEventEmpty);
+    s = small(&listener, makeMute, NULL);
+    callbackSetCallback(hang, &hanging);
+    callbackSetPriority(priorityMedium, &hanging);
+    callbackSetCallback(nothing, &filler);
+    callbackSetPriority(priorityMedium, &filler);
+    fd = toolAccept(listener);
+    WAIT_FOR(plcStationHeld(s) && plcStationOutputConnected(s, NULL));
+    put("late", "12");
+    isHeld("late", "before the first block");
+    callbackRequest(&hanging);
+    epicsEventMustWait(hangs);
+    while (callbackRequest(&filler) == 0)
+        ;
+    sendNext16(s, fd, block);
+    WAIT_FOR(!plcStationHeld(s));
+    epicsEventMustTrigger(goOn);
+    WAIT_FOR(strcmp(get("late.SEVR"), "NO_ALARM") == 0);
+    isValue("late.SEVR", "NO_ALARM", "the alarm ends all the same");
+    WAIT_FOR(isNow("back", "0") && strcmp(get("back.UDF"), "0") == 0);
+    isValue("back.UDF", "0", "and the read-back comes");
+    endSmall(fd, listener);
+    epicsEventDestroy(hangs);
+    epicsEventDestroy(goOn);
+    callbackSetQueueSize(2000);
+}
+
 MAIN(recordTestFollow)
 {
-    testPlan(2 * (2 + 25 + 1 + 1 + 25 + 1) + 25 + 6 + 5);
+    testPlan(2 * (2 + 25 + 1 + 1 + 25 + 1) + 25 + 6 + 5 + 11 + 12 + 4 + 4);
     testFollow("NO");
     testFollow("YES");
     testTrack();
     testMixed();
+    testDelays();
+    testMute();
+    testLinks();
+    testQueueFull();
     return testDone();
 }

@@ -227,6 +227,64 @@ static void testDeadline(void)
     end(fd, listener);
 }
 
+/* A PLC that takes connections and says nothing: the reason is not that of each moment. */
+static void testSilent(void)
+{
+    plcStation *s;
+    int port = 0, listener = toolListen(&port), fd, again;
+    plcStats st;
+
+    s = make("PLC", "127.0.0.1", port, IN, 0, 100, 50);
+    plcStationsStart();
+    plcStationsRun();
+    fd = toolAccept(listener);
+    WAIT_FOR(stats(s).state == plcStateWaiting);
+    testOk(strcmp(reason(s), "connected, waiting for first block") == 0,
+           "the first connection: %s", reason(s));
+    again = toolAccept(listener);
+    set(s, "recvTimeout", "60000");
+    WAIT_FOR(stats(s).connects > 1 && stats(s).state == plcStateWaiting);
+    st = stats(s);
+    testOk(st.state == plcStateWaiting && strcmp(reason(s), "no block for 0.1 s") == 0,
+           "the next one: what the last was lost by stays: %s", reason(s));
+    toolClose(fd);
+    fd = st.connects > 2 ? toolAccept(listener) : again;
+    testOk(blockArrives(s, fd, 1) && reason(s)[0] == 0, "until a block comes");
+    if (fd != again)
+        toolClose(again);
+    toolClose(fd);
+    fd = toolAccept(listener);
+    WAIT_FOR(stats(s).state == plcStateWaiting);
+    testOk(strcmp(reason(s), "connected, waiting for first block") == 0,
+           "a PLC that had sent: %s", reason(s));
+    toolClose(fd);
+    fd = toolAccept(listener);
+    WAIT_FOR(strcmp(reason(s), "connection closed by PLC") == 0 &&
+             stats(s).state == plcStateWaiting);
+    testOk(strcmp(reason(s), "connection closed by PLC") == 0, "one that hangs up first: %s",
+           reason(s));
+    end(fd, listener);
+}
+
+static void testNoInput(void)
+{
+    plcStation *s;
+    int port = 0, listener = toolListen(&port), fd;
+
+    s = make("PLC", "127.0.0.1", port, 0, OUT, 100, 50);
+    plcStationsStart();
+    plcStationsRun();
+    fd = toolAccept(listener);
+    WAIT_FOR(stats(s).state == plcStateOk);
+    testOk(stats(s).state == plcStateOk && reason(s)[0] == 0,
+           "inSize 0: connected, no reason (\"%s\")", reason(s));
+    toolClose(listener);
+    toolClose(fd);
+    WAIT_FOR(strcmp(reason(s), "connection refused by PLC") == 0);
+    testOk(strcmp(reason(s), "connection refused by PLC") == 0, "lost: %s", reason(s));
+    end(-1, -1);
+}
+
 static void testTrickle(void)
 {
     plcStation *s;
@@ -1108,12 +1166,14 @@ static void testStuck(void)
 
 MAIN(stationTest)
 {
-    testPlan(135);
+    testPlan(135 + 7);
     eltc(0); /* the log is for people; here the test speaks */
     testFirstBlock();
     testClosed();
     testBacklog();
     testDeadline();
+    testSilent();
+    testNoInput();
     testTrickle();
     testWrongSize();
     testOutOfStep();

@@ -10,7 +10,9 @@
 
 #include <alarm.h>
 #include <cantProceed.h>
+#include <dbAccess.h>
 #include <dbDefs.h>
+#include <dbEvent.h>
 #include <dbLink.h>
 #include <dbScan.h>
 #include <epicsStdio.h>
@@ -265,6 +267,7 @@ static void release(devRecord *dev)
         return;
     devFollowLeave(dev);
     devAwayLeave(dev);
+    devSilentLeave(dev);
     if (dev->listed)
         plcUsersRemove(plcStationUsers(dev->station), &dev->user);
     if (dev->shifted)
@@ -289,16 +292,20 @@ static void attach(dbCommon *prec)
             devFollowJoin(prec, dev);
         if (out && dev->faults)
             devAwayJoin(prec, dev);
-        if (out)
-            plcStationOnTake(dev->station, devFollowAll);
+        plcStationOnTake(dev->station, devFollowAll);
         enlist(prec, dev);
+        if (!out && dev->statistic == NULL)
+            devSilentJoin(prec, dev, running);
         return;
     }
     dev->station = NULL;
     dev->reason = shortReason(&error);
     printRefusal(prec, text, &error);
     recGblSetSevrMsg(prec, LINK_ALARM, INVALID_ALARM, "%s", dev->reason);
-    recGblResetAlarms(prec);
+    if (running)
+        devStamp(prec);
+    if (recGblResetAlarms(prec) && running)
+        db_post_events(prec, NULL, DBE_ALARM);
 }
 
 /* --- Functions that Base calls ------------------------------------------------------ */
@@ -413,6 +420,12 @@ void devStampNow(dbCommon *prec)
         epicsTimeGetCurrent(&prec->time);
 }
 
+void devStamp(dbCommon *prec)
+{
+    recGblGetTimeStamp(prec);
+    devStampNow(prec);
+}
+
 /* The reason that follows says more than the UDF alarm of an output without a value. */
 static void overUndefined(dbCommon *prec)
 {
@@ -459,11 +472,13 @@ const void *devMask(const devRecord *dev, epicsUInt8 bytes[DEV_SCALAR])
 
 PLC_HOT long devFetch(dbCommon *prec, void *bytes)
 {
-    const devRecord *dev = devOf(prec);
+    devRecord *dev = devOf(prec);
     char reason[PLC_REASON_SIZE];
 
     if (!dev)
         return -1;
+    if (dev->silent)
+        devSilentLeave(dev);
     if (plcImageRead(dev->image, dev->offset, dev->length, bytes,
                      prec->tse == epicsTimeEventDeviceTime ? &prec->time : NULL) == 0)
         return dev->faults ? devUnread(prec, dev) : 0;

@@ -61,12 +61,16 @@ typedef struct devRecord {
     epicsUInt8 *shown; /* the bytes that VAL shows now, NULL: no read-back */
     int known;         /* shown is filled */
     int following;     /* the record processes in order to follow, not to write */
+    int takes;         /* plcStationTakes when it followed last */
     int refused;       /* the write that runs was refused by the station */
     /* outputs whose value waits for the PLC, or was refused by it */
     ELLNODE awayNode; /* in the list of records that wait, while `waits` */
     int waits;
     epicsEnum16 raised; /* the record has this alarm for it (COMM, WRITE; 0: none), instead of */
     epicsEnum16 hiddenStatus, hiddenSeverity; /* this one */
+    /* inputs with I/O Intr */
+    ELLNODE silentNode; /* in the list of records that no block has made process, while */
+    int silent;         /* this is set */
 } devRecord;
 
 /* One row per record type. A dset (its head is all that Base sees), with what the generic
@@ -94,10 +98,18 @@ typedef struct devSupport {
      * wire order, as a put would have set it, without writing. */
     long (*write)(dbCommon *prec);
     void (*follow)(dbCommon *prec, const devRecord *dev, const epicsUInt8 *bytes);
+    /* calcout: it does not process to follow, since that would calculate, and its write may
+     * come later (ODLY): 1 when it is about to. NULL: other record types. */
+    int (*delays)(const dbCommon *prec);
+    /* bo: the field HIGH, after which a 1 that was put is put back to 0. NULL: others. */
+    double *(*pulse)(dbCommon *prec);
 } devSupport;
 
 /* The head of every row. */
 #define DEV_DSET {6, NULL, devInit, devInitRecord, devIointInfo}
+
+/* The end of the row of a record that writes nothing into a block. */
+#define DEV_READS NULL, NULL, NULL, NULL
 
 /* The transfer of all outputs: writes, or follows the PLC's value. */
 long devWrite(dbCommon *prec);
@@ -152,6 +164,18 @@ void devAwayLeave(devRecord *dev);
  * outputs. In a callback thread. */
 void devAwayUpdate(plcStation *station);
 
+/* The record has no value of its PLC yet, and says why there is none, without processing,
+ * until a block makes it process. `later`: not at iocInit, since its link is new. */
+void devSilentJoin(dbCommon *prec, devRecord *dev, int later);
+void devSilentLeave(devRecord *dev);
+
+/* The PLC came or went, or there is another reason why there is no data. In a callback
+ * thread. */
+void devSilentUpdate(plcStation *station);
+
+/* "S7plc stat" that has never processed does so now, when the PLC is not there. */
+void devStatusUpdate(dbCommon *prec);
+
 /* The bits of the record's place that are its own, in wire order; NULL: all of them. */
 const void *devMask(const devRecord *dev, epicsUInt8 bytes[DEV_SCALAR]);
 
@@ -190,6 +214,9 @@ long devStoreInt(dbCommon *prec, epicsInt64 value, epicsUInt64 mask);
 
 /* Sets the time of a record with TSE=-2 that gets none from a block. */
 void devStampNow(dbCommon *prec);
+
+/* The time of a record whose alarm or value changes without processing. */
+void devStamp(dbCommon *prec);
 
 /* Refuses to write: WRITE_ALARM with these words. Returns -1. */
 long devRefuseWrite(dbCommon *prec, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);

@@ -230,12 +230,12 @@ static int prepareAao(dbCommon *common, devRecord *dev, const plcLink *link,
 
 /* clang-format off */
 const devSupport devS7plcWaveform = {DEV_DSET, readWaveform, NULL, "S7plc", "INP", devIn,
-    {"waveform", 0, 0, plcHasL | plcHasW, NULL}, 0, adaptWaveform, prepareWaveform, NULL, NULL};
+    {"waveform", 0, 0, plcHasL | plcHasW, NULL}, 0, adaptWaveform, prepareWaveform, DEV_READS};
 const devSupport devS7plcAai = {DEV_DSET, readAai, NULL, "S7plc", "INP", devIn,
-    {"aai", 0, 0, plcHasL | plcHasW, NULL}, 0, adaptAai, prepareAai, NULL, NULL};
+    {"aai", 0, 0, plcHasL | plcHasW, NULL}, 0, adaptAai, prepareAai, DEV_READS};
 const devSupport devS7plcAao = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
     {"aao", 0, 0, plcHasL | plcHasR | plcHasW, NULL}, 0, adaptAao, prepareAao,
-    writeAao, followAao};
+    writeAao, followAao, NULL, NULL};
 /* clang-format on */
 
 epicsExportAddress(dset, devS7plcWaveform);

@@ -60,7 +60,7 @@ void devAwayForget(void)
 
 static int isAway(devRecord *dev)
 {
-    return !plcStationOutputConnected(dev->station, NULL) ||
+    return !plcStationOutputConnected(dev->station, NULL) || plcStationHeld(dev->station) ||
            (dev->shown && !plcStationTaken(dev->station));
 }
 
@@ -118,6 +118,7 @@ static void settle(dbCommon *prec, devRecord *dev, const char *refusal)
     prec->nsev = dev->hiddenSeverity;
     if (refusal)
         raiseAlarm(prec, dev, WRITE_ALARM, refusal);
+    devStamp(prec); /* archivers drop what is older than what they have */
     if (recGblResetAlarms(prec))
         db_post_events(prec, NULL, DBE_ALARM);
 }

@@ -10,6 +10,7 @@
 
 #include <cantProceed.h>
 #include <dbAccess.h>
+#include <dbEvent.h>
 #include <dbLock.h>
 #include <epicsMutex.h>
 #include <epicsThread.h>
@@ -60,21 +61,73 @@ static int isNews(const devRecord *dev, const epicsUInt8 *bytes)
     return (difference & (epicsInt64)dev->mask) != 0;
 }
 
-/* The record is locked. Its link may have changed since it was listed. */
-static void followRecord(dbCommon *prec, const plcStation *station)
+/* Sets the record's value to what the output image holds. */
+static void takeValue(dbCommon *prec, devRecord *dev)
+{
+    const devSupport *support = (const devSupport *)prec->dset;
+
+    devShow(dev);
+    support->follow(prec, dev, dev->shown);
+    prec->udf = FALSE;
+}
+
+/* The same for a record that does not process for it, or did and did not come to its write
+ * (OOPT of a longout). Its alarms stay what they are. */
+static void takeQuietly(dbCommon *prec, devRecord *dev)
+{
+    epicsUInt8 udf = prec->udf;
+
+    takeValue(prec, dev);
+    prec->udf = udf;
+    devStamp(prec);
+    db_post_events(prec, NULL, DBE_VALUE | DBE_LOG);
+}
+
+/* Processes the record so that it takes its value. */
+static void followByProcess(dbCommon *prec, devRecord *dev)
+{
+    const devSupport *support = (const devSupport *)prec->dset;
+    double *pulse = support->pulse ? support->pulse(prec) : NULL;
+    double length = pulse ? *pulse : 0;
+
+    if (pulse)
+        *pulse = 0; /* what the PLC shows is no put, at whose end another one follows */
+    dev->following = 1;
+    prec->udf = FALSE; /* it is about to get a value: no IVOA for want of one */
+    dbProcess(prec);
+    if (pulse)
+        *pulse = length;
+    if (dev->following)
+        takeQuietly(prec, dev);
+    dev->following = 0;
+}
+
+/* The record is locked. Its link may have changed since it was listed. A calcout whose delayed
+ * write began before the connection showed its values is about to write an older one: that
+ * write follows instead. */
+static void followRecord(dbCommon *prec, const plcStation *station, int takes)
 {
     devRecord *dev = prec->dpvt;
+    int (*delays)(const dbCommon *prec) = ((const devSupport *)prec->dset)->delays;
     epicsUInt8 *bytes;
+    int first;
 
-    if (!dev || dev->station != station || !dev->shown || prec->pact)
+    if (!dev || dev->station != station || !dev->shown)
         return;
+    first = dev->takes != takes;
+    dev->takes = takes;
+    if (prec->pact) {
+        if (first && delays && delays(prec))
+            dev->following = 1;
+        return;
+    }
     bytes = mallocMustSucceed(dev->length + 1, "devFollow");
     plcImagePeek(dev->image, dev->offset, dev->length, bytes);
     if (isNews(dev, bytes)) {
-        dev->following = 1;
-        prec->udf = FALSE; /* it is about to get a value: no IVOA for want of one */
-        dbProcess(prec);
-        dev->following = 0;
+        if (delays)
+            takeQuietly(prec, dev);
+        else
+            followByProcess(prec, dev);
     }
     free(bytes);
 }
@@ -82,11 +135,12 @@ static void followRecord(dbCommon *prec, const plcStation *station)
 static void followAll(plcStation *station)
 {
     size_t count, i;
+    int takes = plcStationTakes(station);
     dbCommon **records = recordsOf(station, &count);
 
     for (i = 0; i < count; i++) {
         dbScanLock(records[i]);
-        followRecord(records[i], station);
+        followRecord(records[i], station, takes);
         dbScanUnlock(records[i]);
     }
     free(records);
@@ -98,6 +152,7 @@ void devFollowAll(plcStation *station)
     if (plcStationTaken(station))
         followAll(station);
     devAwayUpdate(station);
+    devSilentUpdate(station);
 }
 
 void devFollowJoin(dbCommon *prec, devRecord *dev)
@@ -152,16 +207,6 @@ void devWrote(devRecord *dev, const epicsUInt8 *bytes, const epicsUInt8 *mask)
     dev->known = 1;
 }
 
-/* Sets the record's value to what the output image holds. */
-static void takeValue(dbCommon *prec, devRecord *dev)
-{
-    const devSupport *support = (const devSupport *)prec->dset;
-
-    devShow(dev);
-    support->follow(prec, dev, dev->shown);
-    prec->udf = FALSE;
-}
-
 long devWrite(dbCommon *prec)
 {
     const devSupport *support = (const devSupport *)prec->dset;
@@ -169,6 +214,7 @@ long devWrite(dbCommon *prec)
     long status;
 
     if (dev && dev->following) {
+        dev->following = 0;
         takeValue(prec, dev);
         return devRefused(prec, dev);
     }

@@ -273,22 +273,22 @@ static int adaptLsi(dbCommon *common, const plcLink *link, plcShape *shape, size
 
 /* clang-format off */
 const devSupport devS7plcAi = {DEV_DSET, readAi, linconvAi, "S7plc", "INP", devIn,
-    {"ai", ANALOG, 4, plcHasL | plcHasH | plcHasW, "INT16"}, 0, NULL, prepareAi, NULL, NULL};
+    {"ai", ANALOG, 4, plcHasL | plcHasH | plcHasW, "INT16"}, 0, NULL, prepareAi, DEV_READS};
 const devSupport devS7plcBi = {DEV_DSET, readBi, NULL, "S7plc", "INP", devIn,
-    {"bi", plcInteger, 8, plcHasB | plcHasW, "INT16"}, 0, NULL, prepareBi, NULL, NULL};
+    {"bi", plcInteger, 8, plcHasB | plcHasW, "INT16"}, 0, NULL, prepareBi, DEV_READS};
 const devSupport devS7plcMbbi = {DEV_DSET, readMbbi, NULL, "S7plc", "INP", devIn,
-    {"mbbi", plcInteger, 4, plcHasW, "INT16"}, 0, NULL, prepareMbbi, NULL, NULL};
+    {"mbbi", plcInteger, 4, plcHasW, "INT16"}, 0, NULL, prepareMbbi, DEV_READS};
 const devSupport devS7plcMbbiDirect = {DEV_DSET, readMbbiDirect, NULL, "S7plc", "INP",
-    devIn, {"mbbiDirect", plcInteger, 4, plcHasW, "INT16"}, 0, NULL, prepareMbbiDirect, NULL, NULL};
+    devIn, {"mbbiDirect", plcInteger, 4, plcHasW, "INT16"}, 0, NULL, prepareMbbiDirect, DEV_READS};
 const devSupport devS7plcLongin = {DEV_DSET, readLongin, NULL, "S7plc", "INP", devIn,
-    {"longin", plcInteger, 4, plcHasW, "INT16"}, 0, NULL, prepareLongin, NULL, NULL};
+    {"longin", plcInteger, 4, plcHasW, "INT16"}, 0, NULL, prepareLongin, DEV_READS};
 const devSupport devS7plcInt64in = {DEV_DSET, readInt64in, NULL, "S7plc", "INP", devIn,
-    {"int64in", plcInteger, 8, plcHasW, "INT16"}, 0, NULL, NULL, NULL, NULL};
+    {"int64in", plcInteger, 8, plcHasW, "INT16"}, 0, NULL, NULL, DEV_READS};
 const devSupport devS7plcStringin = {DEV_DSET, readStringin, NULL, "S7plc", "INP", devIn,
     {"stringin", plcText, 1, plcHasL, "STRING"}, 0, adaptStringin, devPrepareString,
-    NULL, NULL};
+    DEV_READS};
 const devSupport devS7plcLsi = {DEV_DSET, readLsi, NULL, "S7plc", "INP", devIn,
-    {"lsi", plcText, 1, plcHasL, "STRING"}, 0, adaptLsi, devPrepareString, NULL, NULL};
+    {"lsi", plcText, 1, plcHasL, "STRING"}, 0, adaptLsi, devPrepareString, DEV_READS};
 /* clang-format on */
 
 epicsExportAddress(dset, devS7plcAi);

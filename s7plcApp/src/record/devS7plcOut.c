@@ -18,6 +18,7 @@
 #include <mbboDirectRecord.h>
 #include <mbboRecord.h>
 #include <menuConvert.h>
+#include <menuIvoa.h>
 #include <stringoutRecord.h>
 
 #include "plcCompat.h"
@@ -276,6 +277,15 @@ static void followCalcout(dbCommon *common, const devRecord *dev, const epicsUIn
                                    : (double)plcGetInt(dev->type, bytes, dev->order);
 }
 
+/* A write will come at the end of the delay. */
+static int delaysCalcout(const dbCommon *common)
+{
+    const calcoutRecord *prec = (const calcoutRecord *)common;
+
+    return prec->dlya && (prec->nsev < INVALID_ALARM ||
+                          prec->ivoa != menuIvoaDon_t_drive_outputs);
+}
+
 static void followBo(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
 {
     boRecord *prec = (boRecord *)common;
@@ -283,6 +293,11 @@ static void followBo(dbCommon *common, const devRecord *dev, const epicsUInt8 *b
 
     prec->val = (raw & (epicsInt64)dev->mask) != 0;
     prec->rval = prec->val ? prec->mask : 0;
+}
+
+static double *pulseBo(dbCommon *common)
+{
+    return &((boRecord *)common)->high;
 }
 
 /* The state whose value this is; without states the number itself. */
@@ -367,32 +382,32 @@ static void followLso(dbCommon *common, const devRecord *dev, const epicsUInt8 *
 /* clang-format off */
 const devSupport devS7plcAo = {DEV_DSET, devWrite, linconvAo, "S7plc", "OUT", devOut,
     {"ao", ANALOG, 4, plcHasL | plcHasH | plcHasR | plcHasW, "INT16"}, 2, NULL, prepareAo,
-    writeAo, followAo};
+    writeAo, followAo, NULL, NULL};
 const devSupport devS7plcCalcout = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
     {"calcout", ANALOG, 4, plcHasL | plcHasH | plcHasR | plcHasW, "INT16"}, 0, NULL, NULL,
-    writeCalcout, followCalcout};
+    writeCalcout, followCalcout, delaysCalcout, NULL};
 const devSupport devS7plcBo = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
     {"bo", plcInteger, 8, plcHasB | plcHasR | plcHasW, "INT16"}, 2, NULL, prepareBo,
-    writeBo, followBo};
+    writeBo, followBo, NULL, pulseBo};
 const devSupport devS7plcMbbo = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
     {"mbbo", plcInteger, 4, plcHasR | plcHasW, "INT16"}, 2, NULL, prepareMbbo,
-    writeMbbo, followMbbo};
+    writeMbbo, followMbbo, NULL, NULL};
 const devSupport devS7plcMbboDirect = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
     {"mbboDirect", plcInteger, 4, plcHasR | plcHasW, "INT16"}, 2, NULL, prepareMbboDirect,
-    writeMbboDirect, followMbboDirect};
+    writeMbboDirect, followMbboDirect, NULL, NULL};
 const devSupport devS7plcLongout = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
     {"longout", plcInteger, 4, plcHasR | plcHasW, "INT16"}, 0, NULL, NULL,
-    writeLongout, followLongout};
+    writeLongout, followLongout, NULL, NULL};
 const devSupport devS7plcInt64out = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
     {"int64out", plcInteger, 8, plcHasR | plcHasW, "INT16"}, 0, NULL, NULL,
-    writeInt64out, followInt64out};
+    writeInt64out, followInt64out, NULL, NULL};
 const devSupport devS7plcStringout = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
     {"stringout", plcText, 1, plcHasL | plcHasR, "STRING"}, 0, adaptStringout,
     devPrepareString,
-    writeStringout, followStringout};
+    writeStringout, followStringout, NULL, NULL};
 const devSupport devS7plcLso = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
     {"lso", plcText, 1, plcHasL | plcHasR, "STRING"}, 0, adaptLso, devPrepareString,
-    writeLso, followLso};
+    writeLso, followLso, NULL, NULL};
 /* clang-format on */
 
 epicsExportAddress(dset, devS7plcAo);

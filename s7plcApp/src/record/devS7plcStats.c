@@ -233,7 +233,7 @@ static long readAai(dbCommon *common)
 
 #define ROW(read, linconv, type)                                                          \
     {DEV_DSET, read, linconv, "S7plc stats", "INP", devStatistics,                        \
-     {type, 0, 0, 0, NULL}, 0, NULL, NULL, NULL, NULL}
+     {type, 0, 0, 0, NULL}, 0, NULL, NULL, DEV_READS}
 
 static long noLinconv(dbCommon *common, int after)
 {

@@ -7,6 +7,7 @@
 
 #include <alarm.h>
 #include <biRecord.h>
+#include <dbAccess.h>
 #include <stringoutRecord.h>
 
 #include "plcCompat.h"
@@ -18,13 +19,24 @@
 static long readStat(dbCommon *common)
 {
     biRecord *prec = (biRecord *)common;
-    const devRecord *dev = devOf(common);
+    devRecord *dev = devOf(common);
 
     if (!dev)
         return -1;
+    if (dev->silent)
+        devSilentLeave(dev);
     devStampNow(common);
     prec->rval = plcStationConnected(dev->station, NULL) != 0;
     return 0;
+}
+
+/* With SCAN "I/O Intr" the first block makes it process. */
+void devStatusUpdate(dbCommon *prec)
+{
+    const devRecord *dev = prec->dpvt;
+
+    if (!plcStationConnected(dev->station, NULL))
+        dbProcess(prec);
 }
 
 /* Moves the PLC to host[:port]: the connection is closed and made anew at once. */
@@ -59,10 +71,10 @@ static int prepareAddr(dbCommon *common, devRecord *dev, const plcLink *link,
 
 /* clang-format off */
 const devSupport devS7plcStat = {DEV_DSET, readStat, NULL, "S7plc stat", "INP", devStatus,
-    {"bi", 0, 0, 0, NULL}, 0, NULL, NULL, NULL, NULL};
+    {"bi", 0, 0, 0, NULL}, 0, NULL, NULL, DEV_READS};
 const devSupport devS7plcAddr = {{6, NULL, devInit, devInitRecord, NULL}, writeAddr, NULL,
     "S7plc addr", "OUT", devStatus, {"stringout", 0, 0, 0, NULL}, 0, NULL, prepareAddr,
-    NULL, NULL};
+    DEV_READS};
 /* clang-format on */
 
 epicsExportAddress(dset, devS7plcStat);

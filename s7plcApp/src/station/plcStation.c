@@ -432,7 +432,7 @@ static int writeOutput(plcStation *s, size_t offset, size_t length, const void *
     if (status > 0)
         plcStationWake(s);
     if (plcStationOutputConnected(s, reason) && !follows && plcStationHeld(s))
-        epicsSnprintf(reason, PLC_REASON_SIZE, "%s", plcHeldReason);
+        epicsSnprintf(reason, PLC_REASON_SIZE, "%s", plcStationHeldReason(s));
     return 0;
 }
 
@@ -473,6 +473,7 @@ void plcStationRemoveReadback(plcStation *s, const void *key)
         plcReadbackRemove(s->exchange->readback, key);
         plcReadbackRemove(s->exchange->tracked, key);
     }
+    plcStationWake(s); /* was it the last one? then outputs need not wait for it */
 }
 
 int plcStationShowsOutputs(plcStation *s)
@@ -538,11 +539,14 @@ int plcStationTakes(plcStation *s)
     return epicsAtomicGetIntT(&s->takes);
 }
 
-const char plcHeldReason[] = "waits for the PLC's first block";
-
 int plcStationHeld(plcStation *s)
 {
     return epicsAtomicGetIntT(&s->waitsFirst);
+}
+
+const char *plcStationHeldReason(const plcStation *s)
+{
+    return s->exchange ? "waits for the PLC's first answer" : "waits for the PLC's first block";
 }
 
 void plcStationTell(plcStation *s)

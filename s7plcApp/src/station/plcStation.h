@@ -162,9 +162,10 @@ int plcStationTaken(plcStation *station);
 int plcStationTakes(plcStation *station);
 
 /* True while no output leaves although the PLC is connected: on this connection it has not
- * shown yet the values of outputs with a read-back, or its layout id. */
+ * shown yet the values of outputs with a read-back, or its layout id, or (a transport with
+ * requests) what it holds. */
 int plcStationHeld(plcStation *station);
-extern const char plcHeldReason[]; /* the same in words, for AMSG */
+const char *plcStationHeldReason(const plcStation *station); /* in words, for AMSG */
 
 /* follow(station) is called in a callback thread after the PLC came or went, after outputs
  * took values from it, after it refused or took a value that it had refused, and when there

@@ -176,6 +176,13 @@ PLC_COLD static void countVerdict(plcLine *line, epicsUInt64 now)
     line->verdicts++;
 }
 
+/* When the PLC has been silent for too long on this connection. */
+static epicsUInt64 silenceDue(const plcStation *s, const plcLine *line)
+{
+    return (line->lastBlock ? line->lastBlock : line->connection.since) +
+           plcMsToNs(s->now.recvTimeout);
+}
+
 /* A connection that was up is gone, or has to go: closes it and says so. */
 PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char *why)
 {
@@ -204,7 +211,9 @@ PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char
         plcConnectionAbort(&line->connection, why, now);
     else
         plcConnectionClose(&line->connection, why, now);
-    epicsSnprintf(line->lostWhy, sizeof(line->lostWhy), "%s", why);
+    /* A PLC that connects and says nothing: that it is connected for the moment is no news. */
+    if (!line->lastBlock || s->looked >= silenceDue(s, line))
+        epicsSnprintf(line->lostWhy, sizeof(line->lostWhy), "%s", why);
     line->lostAt = now;
     line->lastBlock = 0;
     line->spared = 0;
@@ -398,8 +407,7 @@ PLC_HOT void plcLineStep(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64
     }
     if (c->state == plcConnectionUp && s->inSize && !plcLineExchanges(s, i) &&
         (!plcStationIsPair(s) || (int)i == s->leader)) {
-        due = (line->lastBlock ? line->lastBlock : c->since) +
-              plcMsToNs(s->now.recvTimeout);
+        due = silenceDue(s, line);
         if (s->looked >= due) {
             lineSilent(s, i, now);
         } else {

@@ -58,7 +58,7 @@ typedef struct plcLine {
     epicsUInt64 verdictsSince;
     int fruitless;         /* it was lost before its first block, and has said so */
     int logged;            /* "cannot connect" has been said */
-    char lostWhy[PLC_REASON_SIZE]; /* it was lost since its last block; "": it was not */
+    char lostWhy[PLC_REASON_SIZE]; /* it has been silent: why it was lost; "": it sends */
     char *spare;           /* of a pair: its newest block while the other leads */
     int spared;            /* there is one */
     epicsTimeStamp spareStamp;

@@ -1,0 +1,117 @@
+/* Input records with SCAN "I/O Intr" that no block has made process yet: what they show until
+ * one does. A data record says in its alarm why there is no data, without processing: sites
+ * hang chains on the first processing, which must see the first block. "S7plc stat" says
+ * that the PLC is not there.
+ *
+ * Knows records and reasons; not how blocks come.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include <alarm.h>
+#include <cantProceed.h>
+#include <dbAccess.h>
+#include <dbEvent.h>
+#include <dbLock.h>
+#include <dbScan.h>
+#include <epicsMutex.h>
+#include <epicsThread.h>
+
+#include "devS7plc.h"
+#include "plcCompat.h"
+
+/* Of all stations. The lock is only held to look at the list or to change it, never while a
+ * record is locked by us or processes. */
+static ELLLIST silent = ELLLIST_INIT;
+static epicsMutexId lock;
+static epicsThreadOnceId once = EPICS_THREAD_ONCE_INIT;
+
+static void initOnce(void *arg)
+{
+    (void)arg;
+    lock = epicsMutexMustCreate();
+}
+
+void devSilentLeave(devRecord *dev)
+{
+    epicsThreadOnce(&once, initOnce, NULL);
+    epicsMutexMustLock(lock);
+    if (dev->silent)
+        ellDelete(&silent, &dev->silentNode);
+    dev->silent = 0;
+    epicsMutexUnlock(lock);
+}
+
+static int says(const dbCommon *prec, const char *reason)
+{
+#ifdef HAS_ALARM_MESSAGE
+    return prec->stat == COMM_ALARM && strcmp(prec->amsg, reason) == 0;
+#else
+    (void)reason;
+    return prec->stat == COMM_ALARM;
+#endif
+}
+
+/* The record is locked. */
+static void sayWhy(dbCommon *prec, const devRecord *dev)
+{
+    char reason[PLC_REASON_SIZE];
+
+    plcImageReason(dev->image, reason);
+    if (!reason[0] || says(prec, reason))
+        return; /* a pass is about to process it; or it has been said */
+    plcClearMessage(prec);
+    recGblSetSevrMsg(prec, COMM_ALARM, INVALID_ALARM, "%s", reason);
+    devStamp(prec);
+    recGblResetAlarms(prec);
+    db_post_events(prec, NULL, DBE_ALARM);
+}
+
+static void update(dbCommon *prec, const plcStation *station)
+{
+    devRecord *dev = prec->dpvt;
+
+    if (!dev || dev->station != station || !dev->silent || prec->pact ||
+        prec->scan != SCAN_IO_EVENT)
+        return;
+    if (dev->image)
+        sayWhy(prec, dev);
+    else
+        devStatusUpdate(prec);
+}
+
+void devSilentJoin(dbCommon *prec, devRecord *dev, int later)
+{
+    epicsThreadOnce(&once, initOnce, NULL);
+    epicsMutexMustLock(lock);
+    dev->prec = prec;
+    dev->silent = 1;
+    ellAdd(&silent, &dev->silentNode);
+    epicsMutexUnlock(lock);
+    if (later)
+        plcStationTell(dev->station); /* SCAN is not what it was, until the put is through */
+}
+
+void devSilentUpdate(plcStation *station)
+{
+    dbCommon **records;
+    size_t count = 0, i;
+    ELLNODE *node;
+
+    epicsThreadOnce(&once, initOnce, NULL);
+    epicsMutexMustLock(lock);
+    records = callocMustSucceed(ellCount(&silent) + 1, sizeof(*records), "devSilentUpdate");
+    for (node = ellFirst(&silent); node; node = ellNext(node)) {
+        devRecord *dev = CONTAINER(node, devRecord, silentNode);
+
+        if (dev->station == station)
+            records[count++] = dev->prec;
+    }
+    epicsMutexUnlock(lock);
+    for (i = 0; i < count; i++) {
+        dbScanLock(records[i]);
+        update(records[i], station);
+        dbScanUnlock(records[i]);
+    }
+    free(records);
+}
