@@ -281,9 +281,9 @@ static long getIointInfo(int leave, dbCommon *prec, IOSCANPVT *list)
     if (!own || !own->station)
         *list = neverScan;
     else if (own->pair)
-        *list = phoenixPairScan(own->pair, prec->prio, leave);
+        *list = phoenixPairScan(own->pair, prec, leave);
     else
-        *list = plcStationStatusScan(own->station, prec->prio, leave);
+        *list = plcStationStatusRecord(own->station, prec, leave);
     return 0;
 }
 

@@ -124,9 +124,9 @@ void phoenixPairStatus(phoenixPair *p, phoenixStatus *status)
     epicsMutexUnlock(p->lock);
 }
 
-IOSCANPVT phoenixPairScan(phoenixPair *p, int prio, int leave)
+IOSCANPVT phoenixPairScan(phoenixPair *p, dbCommon *prec, int leave)
 {
-    return plcScanJoin(p->scan, 0, 0, prio, leave);
+    return plcScanRecord(p->scan, 0, 0, prec, leave);
 }
 
 /* --- Status ------------------------------------------------------------------------- */

@@ -56,7 +56,7 @@ phoenixPair *phoenixPairFind(const char *name);
 void phoenixPairStatus(phoenixPair *pair, phoenixStatus *status);
 
 /* For get_ioint_info: status records are processed when something changed. */
-IOSCANPVT phoenixPairScan(phoenixPair *pair, int prio, int leave);
+IOSCANPVT phoenixPairScan(phoenixPair *pair, struct dbCommon *prec, int leave);
 
 /* Processes the status records of all pairs (scans are on). */
 void phoenixPairsRun(void);

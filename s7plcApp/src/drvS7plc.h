@@ -58,8 +58,8 @@ int s7plcWriteMaskedArray(s7plcStation *station, unsigned int offset, unsigned i
 #define s7plcWriteArray(station, offset, dlen, nelem, pdata) \
     s7plcWriteMaskedArray(station, offset, dlen, nelem, pdata, NULL)
 
-/* For get_ioint_info: the lists that fire with each block in, and each sendInterval. They
- * serve records whose PRIO does not change. */
+/* For get_ioint_info: the lists that fire with each block in, and each sendInterval, for
+ * records of any PRIO. */
 IOSCANPVT s7plcGetInScanPvt(s7plcStation *station);
 IOSCANPVT s7plcGetOutScanPvt(s7plcStation *station);
 

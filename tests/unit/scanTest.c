@@ -11,6 +11,7 @@
 #include <epicsThread.h>
 #include <epicsTime.h>
 #include <errlog.h>
+#include <iocInit.h>
 #include <longinRecord.h>
 #include <testMain.h>
 
@@ -32,7 +33,7 @@ typedef struct probe {
     epicsUInt64 requested;
 } probe;
 
-static probe all, range, own, large;
+static probe all, range, own, large, any;
 
 static void done(void *pvt, epicsUInt64 requested)
 {
@@ -91,7 +92,7 @@ typedef struct place {
 
 #define OWN 100 /* records of scan "own" */
 #define LARGE 2100 /* records of scan "large": too many for the thread that asks */
-#define MAX_RECORDS (14 + OWN + LARGE)
+#define MAX_RECORDS (17 + OWN + LARGE)
 static place places[MAX_RECORDS];
 static int numPlaces;
 
@@ -112,6 +113,7 @@ static long initRecord(dbCommon *common)
     at->p = strcmp(name, "all") == 0     ? &all
             : strcmp(name, "own") == 0   ? &own
             : strcmp(name, "large") == 0 ? &large
+            : strcmp(name, "any") == 0   ? &any
                                          : &range;
     at->stranger = !strcmp(common->name, "all:low2") || !strcmp(common->name, "r:4b");
     at->offset = offset;
@@ -124,7 +126,9 @@ static long getIoIntInfo(int cmd, dbCommon *prec, IOSCANPVT *list)
 {
     place *at = prec->dpvt;
 
-    if (at->stranger)
+    if (at->p == &any)
+        *list = plcScanJoin(at->p->scan, 0, BLOCK, PLC_SCAN_ANY_PRIO, 0);
+    else if (at->stranger)
         *list = plcScanJoin(at->p->scan, at->offset, at->length, prec->prio, cmd);
     else
         *list = plcScanRecord(at->p->scan, at->offset, at->length, prec, cmd);
@@ -514,30 +518,35 @@ static void testQueueFullOnce(void)
 
 static void testJoin(void)
 {
-    int passes = passesOf(&all);
+    int passes = passesOf(&all), low = record("all:low")->val;
 
     testdbPutFieldOk("all:passive.SCAN", DBR_STRING, "I/O Intr");
     testOk(plcScanCount(all.scan) == 5, "a record joins at run time");
-    plcScanRequestAll(all.scan);
-    testOk(waitPasses(&all, passes + 1) && record("all:passive")->val == 1,
-           "and is processed");
-    testdbPutFieldOk("all:passive.PRIO", DBR_STRING, "HIGH");
-    testOk(plcScanCount(all.scan) == 5, "it changes its priority");
+    testOk(waitPasses(&all, passes + 1) && record("all:passive")->val == 1 &&
+               record("all:low")->val == low,
+           "and is processed at once, it alone");
     plcScanRequestAll(all.scan);
     testOk(waitPasses(&all, passes + 2) && record("all:passive")->val == 2,
-           "and is still processed once");
+           "and with each pass");
+    testdbPutFieldOk("all:passive.PRIO", DBR_STRING, "HIGH");
+    testOk(plcScanCount(all.scan) == 5, "it changes its priority");
+    testOk(waitPasses(&all, passes + 3) && record("all:passive")->val == 3,
+           "and is processed at once");
+    plcScanRequestAll(all.scan);
+    testOk(waitPasses(&all, passes + 4) && record("all:passive")->val == 4,
+           "and still once with each pass");
     testdbPutFieldOk("all:passive.SCAN", DBR_STRING, "Passive");
     testdbPutFieldOk("all:low.SCAN", DBR_STRING, "Passive");
     testdbPutFieldOk("all:low2.SCAN", DBR_STRING, "Passive");
     testdbPutFieldOk("all:medium.SCAN", DBR_STRING, "Passive");
     testOk(plcScanCount(all.scan) == 1, "records leave");
     plcScanRequestAll(all.scan);
-    testOk(waitPasses(&all, passes + 3) &&
+    testOk(waitPasses(&all, passes + 5) &&
                record("all:low")->val == record("all:medium")->val,
            "a pass of one priority is over too");
     testdbPutFieldOk("all:high.SCAN", DBR_STRING, "Passive");
     testOk(plcScanRequestAll(all.scan) == 0 && plcScanRequestAll(all.scan) == 0 &&
-               !plcScanBusy(all.scan) && passesOf(&all) == passes + 3,
+               !plcScanBusy(all.scan) && passesOf(&all) == passes + 5,
            "without records requests are over at once, without done()");
     plcScanJoin(all.scan, 0, 1, priorityLow, 1);
     testOk(plcScanCount(all.scan) == 0, "to leave twice does no harm");
@@ -548,6 +557,98 @@ static void testJoin(void)
     testdbPutFieldOk("all:medium.SCAN", DBR_STRING, "I/O Intr");
     testdbPutFieldOk("all:high.SCAN", DBR_STRING, "I/O Intr");
     testOk(plcScanCount(all.scan) == 5, "all records join again");
+    while (plcScanBusy(all.scan))
+        epicsThreadSleep(0.001);
+}
+
+/* With a group for each range only the one that joins needs a pass: its bytes may stand
+ * still for days. */
+static void testNewcomers(void)
+{
+    static const char block[BLOCK] = "";
+    int passes = passesOf(&range);
+
+    rememberRanges();
+    testdbPutFieldOk("r:4a.SCAN", DBR_STRING, "Passive");
+    testdbPutFieldOk("r:4a.SCAN", DBR_STRING, "I/O Intr");
+    testOk(waitPasses(&range, passes + 1) && onlyProcessed("4a"),
+           "a record that joins is processed at once, though nothing changes");
+    rememberRanges();
+    closeGate("r:0");
+    testdbPutFieldOk("r:0.SCAN", DBR_STRING, "Passive");
+    testdbPutFieldOk("r:0.SCAN", DBR_STRING, "I/O Intr");
+    epicsEventMustWait(gateReached);
+    testdbPutFieldOk("r:4a.SCAN", DBR_STRING, "Passive");
+    testdbPutFieldOk("r:4a.SCAN", DBR_STRING, "I/O Intr");
+    testdbPutFieldOk("r:6x4.SCAN", DBR_STRING, "Passive");
+    testdbPutFieldOk("r:6x4.SCAN", DBR_STRING, "I/O Intr");
+    testdbPutFieldOk("r:6x4.SCAN", DBR_STRING, "Passive");
+    testdbPutFieldOk("r:wide.PRIO", DBR_STRING, "LOW");
+    openGate();
+    testOk(waitPasses(&range, passes + 3) && onlyProcessed("0 4a wide"),
+           "those that join while a pass runs make one more; one that left again is not in it");
+    testdbPutFieldOk("r:6x4.SCAN", DBR_STRING, "I/O Intr");
+    testdbPutFieldOk("r:wide.PRIO", DBR_STRING, "HIGH");
+    waitPasses(&range, passes + 5);
+    rememberRanges();
+    fillQueue(priorityMedium);
+    testdbPutFieldOk("r:6x4.SCAN", DBR_STRING, "Passive");
+    testdbPutFieldOk("r:6x4.SCAN", DBR_STRING, "I/O Intr");
+    epicsEventMustTrigger(goOn);
+    passes = passesOf(&range);
+    while (passesOf(&range) == passes) {
+        waitQueue(priorityHigh);
+        plcScanRequestChanged(range.scan, block, block);
+    }
+    testOk(onlyProcessed("6x4"), "one for which the queue was full comes with the next block");
+}
+
+/* iocPause, iocRun. */
+static void testPause(void)
+{
+    char before[BLOCK] = "", after[BLOCK] = "";
+    int passes = passesOf(&range), low = record("all:low")->val;
+
+    rememberRanges();
+    testOk(iocPause() == 0, "the IOC is paused");
+    after[0] = 1;
+    plcScanRequestChanged(range.scan, before, after);
+    plcScanRequestChanged(range.scan, after, after);
+    testdbPutFieldOk("r:wide.PRIO", DBR_STRING, "MEDIUM");
+    plcScanRequestAll(all.scan);
+    testOk(!plcScanBusy(range.scan) && onlyProcessed(""), "no pass begins");
+    testOk(iocRun() == 0, "it runs again");
+    plcScanResume(range.scan);
+    testOk(waitPasses(&range, passes + 1) && onlyProcessed("0 whole wide"),
+           "what changed meanwhile, or joined, is made up for");
+    testOk(range.requested != 0, "and done() gets a time");
+    plcScanResume(range.scan);
+    testOk(!plcScanBusy(range.scan) && passesOf(&range) == passes + 1, "once");
+    passes = passesOf(&all);
+    plcScanResume(all.scan);
+    testOk(waitPasses(&all, passes + 1) && record("all:low")->val == low + 1,
+           "the same with one group");
+    passes = passesOf(&range);
+    rememberRanges();
+    iocPause();
+    plcScanRequestChanged(range.scan, before, after);
+    iocRun();
+    plcScanRequestChanged(range.scan, before, after);
+    testOk(waitPasses(&range, passes + 1) && onlyProcessed("0 whole"),
+           "the next change of the same bytes begins a pass, too");
+    testdbPutFieldOk("r:wide.PRIO", DBR_STRING, "HIGH");
+    waitPasses(&range, passes + 2);
+}
+
+/* Device support that knows no PRIO when it asks for the list. */
+static void testAnyPrio(void)
+{
+    int passes = passesOf(&any);
+
+    plcScanRequestAll(any.scan);
+    testOk(waitPasses(&any, passes + 1) && record("any:low")->val == 1 &&
+               record("any:medium")->val == 1 && record("any:high")->val == 1,
+           "records of all priorities are processed, when none was given");
 }
 
 /* --- Many records of one group ------------------------------------------------------ */
@@ -613,17 +714,19 @@ static void testOwn(void)
     testdbPutFieldOk("own:4.PHAS", DBR_STRING, "-1");
     testdbPutFieldOk("own:4.SCAN", DBR_STRING, "I/O Intr");
     openGate();
-    testOk(waitPasses(&own, 3) && ownCount(3, 4, 2),
-           "one that joins behind a pass makes it repeat nothing");
+    testOk(waitPasses(&own, 4) && ownCount(3, -1, 0),
+           "one that joins behind a pass makes it repeat nothing, and gets a pass of its own");
     startAndHang("own:10");
     testdbPutFieldOk("own:12.SCAN", DBR_STRING, "Passive");
     testdbPutFieldOk("own:98.SCAN", DBR_STRING, "Passive");
     openGate();
-    testOk(waitPasses(&own, 4) && ownRecord(12)->val == 3 && ownRecord(98)->val == 3 &&
+    testOk(waitPasses(&own, 5) && ownRecord(12)->val == 3 && ownRecord(98)->val == 3 &&
                ownRecord(13)->val == 4 && ownRecord(97)->val == 4,
            "one that leaves before its turn is not processed");
     testdbPutFieldOk("own:12.SCAN", DBR_STRING, "I/O Intr");
+    waitPasses(&own, 6);
     testdbPutFieldOk("own:98.SCAN", DBR_STRING, "I/O Intr");
+    waitPasses(&own, 7);
 }
 
 static void testHere(void)
@@ -638,12 +741,16 @@ static void testHere(void)
     testOk(numSequence == OWN && processedBy == self,
            "a pass \"here\" is over when the request returns");
     testOk(passesOf(&own) == passes + 1 && !plcScanBusy(own.scan), "done() was called");
+    numSequence = 0;
     testdbPutFieldOk("own:1.PRIO", DBR_STRING, "HIGH");
+    waitPasses(&own, passes + 2);
+    testOk(numSequence == 1 && processedBy != self, "a record that joins is processed in a callback thread");
     numSequence = 0;
     plcScanRequestAll(own.scan);
-    testOk(waitPasses(&own, passes + 2) && processedBy != self,
+    testOk(waitPasses(&own, passes + 3) && processedBy != self,
            "records of two priorities go to the callback threads");
     testdbPutFieldOk("own:1.PRIO", DBR_STRING, "LOW");
+    waitPasses(&own, passes + 4);
     plcScanHere(large.scan, 1);
     plcScanRequestAll(large.scan);
     testOk(waitPasses(&large, 1) && numLarge == LARGE && firstBy == self && lastBy != self,
@@ -765,6 +872,7 @@ static void startIoc(void)
     create(&range, BLOCK, 1);
     create(&own, BLOCK, 0);
     create(&large, BLOCK, 0);
+    create(&any, BLOCK, 1);
 }
 
 static void stopIoc(void)
@@ -777,6 +885,7 @@ static void stopIoc(void)
     destroy(&range);
     destroy(&own);
     destroy(&large);
+    destroy(&any);
     epicsEventDestroy(gateReached);
     epicsEventDestroy(gateOpen);
     epicsEventDestroy(hangs);
@@ -786,7 +895,7 @@ static void stopIoc(void)
 
 MAIN(scanTest)
 {
-    testPlan(2 + 8 + 8 + 17 + 9 + 9 + 2 + 21 + 13 + 7 + 3 + 3 + 4 + 1);
+    testPlan(2 + 8 + 8 + 17 + 9 + 9 + 2 + 23 + 17 + 10 + 1 + 13 + 8 + 3 + 3 + 4 + 1);
     startIoc();
     testBeforeInit();
     eltc(0); /* no messages of full queues */
@@ -804,6 +913,11 @@ MAIN(scanTest)
     testQueueFullOnce();
     testDiag("Records come and go");
     testJoin();
+    testDiag("A group for each range: records come and go");
+    testNewcomers();
+    testDiag("A pause of the IOC");
+    testPause();
+    testAnyPrio();
     testDiag("Many records of one group");
     testOwn();
     testDiag("Passes in the thread that asks for them");

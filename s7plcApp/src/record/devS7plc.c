@@ -369,7 +369,7 @@ long devIointInfo(int leave, dbCommon *prec, IOSCANPVT *list)
         *list = plcStationStatsScan(dev->station, prec->prio, leave);
         break;
     default:
-        *list = plcStationInScan(dev->station, 0, 0, prec->prio, leave);
+        *list = plcStationInRecord(dev->station, 0, 0, prec, leave);
         break;
     }
     return 0;

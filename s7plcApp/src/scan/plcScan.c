@@ -51,6 +51,7 @@
 typedef struct strangers {
     IOSCANPVT list;
     unsigned count[NUM_CALLBACK_PRIORITIES];
+    int anyPrio; /* there are some of which not even the priority is known */
 } strangers;
 
 /* Records that read the same bytes. Our own ones stand in `records` by priority, then by
@@ -80,8 +81,20 @@ typedef struct bulk {
     char memory[];
 } bulk;
 
+/* Records of our own that have joined, and were in no pass yet. */
+typedef struct newcomer {
+    dbCommon *record; /* NULL: has left again */
+    group *group;
+} newcomer;
+
+typedef struct newcomers {
+    newcomer *list;
+    size_t count, room;
+} newcomers;
+
 /* What is next in a pass, for one priority. */
 typedef struct cursor {
+    size_t newcomer; /* number of the newcomer; after them */
     size_t group;   /* number of the group in the pass, */
     group *inside;  /* the group itself */
     unsigned index; /* and number of the record among those of this priority in it */
@@ -126,6 +139,8 @@ struct plcScan {
     int busy;            /* a pass runs */
     unsigned remaining;  /* priorities of the pass that are not yet over */
     int partial;         /* a priority of the pass could not be queued */
+    int live;            /* there was a pass, or would have been with records */
+    newcomers newPending, newRunning;
     epicsUInt64 pendingSince, runningSince; /* ns; 0: no one asked while scans were on */
     epicsTimerId again; /* NULL: no queue was full yet */
 
@@ -144,6 +159,8 @@ static epicsTimerQueueId timers; /* of all scans */
 static epicsThreadOnceId timersOnce = EPICS_THREAD_ONCE_INIT;
 
 static void pass(epicsCallback *callback);
+static unsigned begin(plcScan *scan);
+static void queue(plcScan *scan, unsigned prios);
 
 /* --- Groups ------------------------------------------------------------------------ */
 
@@ -276,6 +293,8 @@ void plcScanDestroy(plcScan *scan)
     free(scan->wordStart);
     free(scan->entries);
     free(scan->wide);
+    free(scan->newPending.list);
+    free(scan->newRunning.list);
     epicsMutexDestroy(scan->lock);
     free(scan);
 }
@@ -334,6 +353,17 @@ static int isPriority(int prio)
     return prio >= 0 && prio < NUM_CALLBACK_PRIORITIES;
 }
 
+/* Records whose priority is not known: passes go through all of them. Lock held. */
+static void joinAnyPrio(plcScan *scan, strangers *others)
+{
+    int prio;
+
+    for (prio = 0; !others->anyPrio && prio < NUM_CALLBACK_PRIORITIES; prio++)
+        scan->count[prio]++;
+    others->anyPrio = 1;
+    epicsAtomicAddIntT(&scan->total, 1);
+}
+
 IOSCANPVT plcScanJoin(plcScan *scan, size_t offset, size_t length, int prio, int leave)
 {
     IOSCANPVT list;
@@ -346,7 +376,9 @@ IOSCANPVT plcScanJoin(plcScan *scan, size_t offset, size_t length, int prio, int
         scanIoInit(&g->others->list);
     }
     list = g->others->list;
-    if (isPriority(prio) && !leave) {
+    if (prio == PLC_SCAN_ANY_PRIO) {
+        joinAnyPrio(scan, g->others);
+    } else if (isPriority(prio) && !leave) {
         g->others->count[prio]++;
         countRecords(scan, prio, 1);
     } else if (isPriority(prio) && g->others->count[prio] > 0) {
@@ -450,22 +482,55 @@ static void removeRecord(plcScan *scan, group *g, const dbCommon *prec)
     shiftCursor(scan, g, prio, place, -1);
 }
 
+static void addNewcomer(newcomers *n, dbCommon *prec, group *g)
+{
+    newcomer *list;
+
+    if (n->count == n->room) {
+        n->room = n->room ? 2 * n->room : 16;
+        list = callocMustSucceed(n->room, sizeof(*list), "plcScan");
+        if (n->count)
+            memcpy(list, n->list, n->count * sizeof(*list));
+        free(n->list);
+        n->list = list;
+    }
+    n->list[n->count].record = prec;
+    n->list[n->count++].group = g;
+}
+
+static void dropNewcomer(newcomers *n, const dbCommon *prec)
+{
+    size_t i;
+
+    for (i = 0; i < n->count; i++) {
+        if (n->list[i].record == prec)
+            n->list[i].record = NULL;
+    }
+}
+
 IOSCANPVT plcScanRecord(plcScan *scan, size_t offset, size_t length, dbCommon *prec,
                         int leave)
 {
+    unsigned prios = 0;
     group *g;
 
     epicsMutexMustLock(scan->lock);
     if (!scan->parked)
         scanIoInit(&scan->parked);
     g = groupOf(scan, offset, length);
-    if (isPriority(prec->prio)) {
-        if (leave)
-            removeRecord(scan, g, prec);
-        else
-            insert(scan, g, prec);
+    if (isPriority(prec->prio) && leave) {
+        removeRecord(scan, g, prec);
+        dropNewcomer(&scan->newPending, prec);
+        dropNewcomer(&scan->newRunning, prec);
+    } else if (isPriority(prec->prio)) {
+        insert(scan, g, prec);
+        if (scan->live)
+            addNewcomer(&scan->newPending, prec, g);
+        if (scan->live && interruptAccept && !scan->busy)
+            prios = begin(scan);
     }
     epicsMutexUnlock(scan->lock);
+    queue(scan, prios);
     return scan->parked;
 }
 
@@ -589,11 +654,10 @@ PLC_HOT static void touchWords(plcScan *scan, const char *before, const char *af
     addTouched(scan, touched, m);
 }
 
-/* Marks the groups whose bytes differ as pending. Returns their number. */
-PLC_HOT static size_t touchChanged(plcScan *scan, const char *before, const char *after)
+/* Marks the groups whose bytes differ as pending. */
+PLC_HOT static void touchChanged(plcScan *scan, const char *before, const char *after)
 {
     epicsUInt32 words[2 * CHUNK / WORD] = {0};
-    size_t waiting = scan->numPending;
     int changed = 0;
     unsigned m, n = 0;
     size_t at, i;
@@ -620,7 +684,6 @@ PLC_HOT static size_t touchChanged(plcScan *scan, const char *before, const char
         if (isTouched(&scan->wide[i], before, after))
             addPending(scan, scan->wide[i].group, ALL_PRIOS);
     }
-    return scan->numPending - waiting;
 }
 
 /* --- Passes ------------------------------------------------------------------------ */
@@ -640,12 +703,35 @@ static unsigned inUse(const unsigned count[NUM_CALLBACK_PRIORITIES], unsigned pr
 
 static unsigned inUseBy(const group *g, unsigned prios)
 {
-    return inUse(g->count, prios) | (g->others ? inUse(g->others->count, prios) : 0);
+    if (!g->others)
+        return inUse(g->count, prios);
+    return g->others->anyPrio ? prios
+                              : inUse(g->count, prios) | inUse(g->others->count, prios);
 }
 
 static unsigned bitCount(unsigned prios)
 {
     return (prios & 1) + (prios >> 1 & 1) + (prios >> 2 & 1);
+}
+
+/* The same for newcomers. Returns their priorities. */
+static unsigned beginNewcomers(plcScan *scan)
+{
+    newcomers spare = scan->newRunning;
+    unsigned prios = 0;
+    size_t i;
+
+    scan->newRunning = scan->newPending;
+    scan->newPending = spare;
+    scan->newPending.count = 0;
+    for (i = 0; i < scan->newRunning.count; i++) {
+        const newcomer *n = &scan->newRunning.list[i];
+
+        n->group->running = 0; /* of an older pass; the new one begins with newcomers */
+        if (n->record)
+            prios |= 1u << n->record->prio;
+    }
+    return prios;
 }
 
 /* Makes what is pending the running pass. Returns its priorities: none when no record is
@@ -662,8 +748,8 @@ PLC_HOT static unsigned begin(plcScan *scan)
     scan->numPending = 0;
     scan->allRunning = inUse(scan->count, scan->allPending);
     scan->allPending = 0;
-    prios = scan->allRunning;
-    scan->size = 0;
+    prios = scan->allRunning | beginNewcomers(scan);
+    scan->size = scan->newRunning.count;
     for (i = 0; i < scan->numRunning; i++) {
         group *g = scan->running[i];
 
@@ -677,7 +763,7 @@ PLC_HOT static unsigned begin(plcScan *scan)
         if (scan->allRunning & 1u << i)
             scan->size += scan->count[i];
     }
-    scan->runningSince = scan->pendingSince;
+    scan->runningSince = scan->pendingSince ? scan->pendingSince : epicsMonotonicGet();
     scan->pendingSince = 0;
     scan->busy = prios != 0;
     scan->remaining = bitCount(prios);
@@ -729,6 +815,14 @@ PLC_COLD static void putBack(plcScan *scan, unsigned prios)
         addPending(scan, scan->running[i], scan->running[i]->running & prios);
         scan->running[i]->running &= (epicsUInt8)~prios;
     }
+    for (i = 0; i < scan->newRunning.count; i++) {
+        newcomer *n = &scan->newRunning.list[i];
+
+        if (n->record && prios & 1u << n->record->prio) {
+            addNewcomer(&scan->newPending, n->record, n->group);
+            n->record = NULL;
+        }
+    }
     scan->pendingSince = scan->runningSince;
     scan->partial = 1;
     scan->remaining -= bitCount(prios);
@@ -765,6 +859,21 @@ PLC_COLD static void again(void *pvt)
     queue(scan, prios);
 }
 
+/* The newcomers of this priority; not those whose group has its turn. */
+static unsigned nextNewcomers(plcScan *scan, part *own, target targets[BATCH])
+{
+    unsigned n = 0;
+
+    while (n < BATCH && own->at.newcomer < scan->newRunning.count) {
+        const newcomer *next = &scan->newRunning.list[own->at.newcomer++];
+
+        if (next->record && next->record->prio == own->prio &&
+            !(next->group->running & 1u << own->prio))
+            targets[n++].record = next->record;
+    }
+    return n;
+}
+
 /* The next steps of the pass for this priority. Returns how many, 0 at the end. */
 static unsigned nextTargets(plcScan *scan, part *own, target targets[BATCH])
 {
@@ -775,6 +884,8 @@ static unsigned nextTargets(plcScan *scan, part *own, target targets[BATCH])
 
     epicsMutexMustLock(scan->lock);
     all = (scan->allRunning & bit) != 0;
+    if (!all)
+        n = nextNewcomers(scan, own, targets);
     while (n < BATCH && at->group < (all ? scan->numGroups : scan->numRunning)) {
         group *g = all ? scan->groups[at->group] : scan->running[at->group];
         dbCommon **records = g->records + firstOf(g, prio);
@@ -785,7 +896,7 @@ static unsigned nextTargets(plcScan *scan, part *own, target targets[BATCH])
             targets[n++].record = records[at->index++];
         if (n == BATCH)
             break;
-        if (mine && g->others && g->others->count[prio]) {
+        if (mine && g->others && (g->others->anyPrio || g->others->count[prio])) {
             targets[n].record = NULL;
             targets[n++].list = g->others->list;
         }
@@ -943,6 +1054,7 @@ PLC_HOT static void request(plcScan *scan)
     int here, all;
 
     if (interruptAccept) {
+        scan->live = 1;
         if (!scan->pendingSince)
             scan->pendingSince = epicsMonotonicGet();
         if (!scan->busy)
@@ -976,12 +1088,20 @@ PLC_HOT int plcScanRequestChanged(plcScan *scan, const void *before, const void 
         return plcScanRequestAll(scan);
     epicsMutexMustLock(scan->lock);
     waiting = scan->pendingSince != 0;
-    if (scan->allPending != ALL_PRIOS && !touchChanged(scan, before, after) && !waiting) {
+    if (scan->allPending != ALL_PRIOS)
+        touchChanged(scan, before, after);
+    if (!scan->allPending && !scan->numPending && !scan->newPending.count) {
         epicsMutexUnlock(scan->lock);
         return 0;
     }
     request(scan);
     return waiting;
+}
+
+void plcScanResume(plcScan *scan)
+{
+    epicsMutexMustLock(scan->lock);
+    request(scan);
 }
 
 int plcScanBusy(plcScan *scan)

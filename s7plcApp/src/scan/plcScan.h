@@ -46,13 +46,17 @@ double plcScanHeld(plcScan *scan);
 
 /* A record that reads `length` bytes at `offset` joins, or leaves; `leave` as
  * get_ioint_info gets it (0 join, 1 leave), which calls this with the record locked. The
- * passes process it, by PHAS among the records of its group. Returns the list to give to
- * Base: the same for all, and never scanned. */
+ * passes process it, by PHAS among the records of its group; and once there were passes, one
+ * in a callback thread at once, as soon as the record is unlocked: bytes that stand still
+ * would ask for none. Returns the list to give to Base: the same for all, and never scanned.
+ */
 IOSCANPVT plcScanRecord(plcScan *scan, size_t offset, size_t length, dbCommon *prec,
                         int leave);
 
-/* The same when the record is not known, only its PRIO (device support of others, through
- * s7plcGetInScanPvt): a list of Base's for these bytes, which the passes scan. */
+/* The same when the record is not known, only its PRIO: a list of Base's for these bytes,
+ * which the passes scan. PLC_SCAN_ANY_PRIO: not even that is known (device support of others,
+ * through s7plcGetInScanPvt), and passes go through all three from then on. */
+#define PLC_SCAN_ANY_PRIO (-1)
 IOSCANPVT plcScanJoin(plcScan *scan, size_t offset, size_t length, int prio, int leave);
 
 /* Asks for a pass over all records. Returns 1 when it was merged into one that was
@@ -65,6 +69,9 @@ int plcScanRequestAll(plcScan *scan);
 /* Asks for a pass over the groups whose bytes differ between the two blocks of blockSize
  * bytes; with one group only, always that one. Returns as plcScanRequestAll. */
 int plcScanRequestChanged(plcScan *scan, const void *before, const void *after);
+
+/* After a pause of the IOC: begins the pass that has become due meanwhile, if any. */
+void plcScanResume(plcScan *scan);
 
 /* True while a pass runs. */
 int plcScanBusy(plcScan *scan);

@@ -18,6 +18,7 @@
 #include "plcComplete.h"
 #include "plcConfigure.h"
 #include "plcOptions.h"
+#include "plcScan.h"
 #include "plcShow.h"
 #include "plcStation.h"
 
@@ -85,12 +86,12 @@ int s7plcWriteMaskedArray(s7plcStation *station, unsigned int offset, unsigned i
 
 IOSCANPVT s7plcGetInScanPvt(s7plcStation *station)
 {
-    return plcStationInScan(station, 0, plcStationInSize(station), 0, 0);
+    return plcStationInScan(station, 0, plcStationInSize(station), PLC_SCAN_ANY_PRIO, 0);
 }
 
 IOSCANPVT s7plcGetOutScanPvt(s7plcStation *station)
 {
-    return plcStationOutScan(station, 0, 0);
+    return plcStationOutScan(station, PLC_SCAN_ANY_PRIO, 0);
 }
 
 int s7plcConfigure(char *PLCname, char *IPaddr, unsigned int port, unsigned int inSize,

@@ -242,7 +242,7 @@ static void reach(int running)
 
     lockList();
     allReady = 1;
-    allRunning |= running;
+    allRunning += running;
     for (s = (plcStation *)ellFirst(&stations); s; s = (plcStation *)ellNext(&s->node)) {
         epicsAtomicSetIntT(&s->ready, 1);
         epicsAtomicSetIntT(&s->running, allRunning);
@@ -606,9 +606,9 @@ IOSCANPVT plcStationOutScan(plcStation *s, int prio, int leave)
     return plcScanJoin(s->outScan, 0, s->outSize, prio, leave);
 }
 
-IOSCANPVT plcStationStatusScan(plcStation *s, int prio, int leave)
+IOSCANPVT plcStationStatusRecord(plcStation *s, struct dbCommon *prec, int leave)
 {
-    return plcScanJoin(s->statusScan, 0, 0, prio, leave);
+    return plcScanRecord(s->statusScan, 0, 0, prec, leave);
 }
 
 IOSCANPVT plcStationStatsScan(plcStation *s, int prio, int leave)

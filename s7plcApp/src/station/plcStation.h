@@ -190,13 +190,14 @@ plcFaults *plcStationOutFaults(plcStation *station);
 /* Lists for get_ioint_info. Input: processed when a block came (option scan), and once when
  * data was lost; never before the first block. Length 0: with scan=changed only when data
  * comes or goes. Output: every sendInterval while connected, after the send. Status: when
- * the state of the connection changes. See plcScanRecord and plcScanJoin. */
+ * the state of the connection changes. A record that joins a running IOC is processed at once,
+ * but for outputs. See plcScanRecord and plcScanJoin. */
 IOSCANPVT plcStationInRecord(plcStation *station, size_t offset, size_t length,
                              struct dbCommon *prec, int leave);
 IOSCANPVT plcStationInScan(plcStation *station, size_t offset, size_t length, int prio,
                            int leave);
 IOSCANPVT plcStationOutScan(plcStation *station, int prio, int leave);
-IOSCANPVT plcStationStatusScan(plcStation *station, int prio, int leave);
+IOSCANPVT plcStationStatusRecord(plcStation *station, struct dbCommon *prec, int leave);
 
 /* The same for statistics: when the state changes, and once a second. */
 IOSCANPVT plcStationStatsScan(plcStation *station, int prio, int leave);

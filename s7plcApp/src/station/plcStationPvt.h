@@ -91,7 +91,7 @@ struct plcStation {
     plcWake wake;
     int stop;    /* atomic */
     int ready;   /* atomic: all records are there */
-    int running; /* atomic: PINI is over, scans are on */
+    int running; /* atomic: PINI is over, scans are on: how often they began */
     int sendNow; /* atomic: s7plcSend */
     int written; /* atomic: an output without read-back was written since start */
     int followed; /* atomic: one with a read-back was, since all took the PLC's values */

@@ -376,6 +376,28 @@ static void waitFor(plcStation *s, epicsUInt64 wake)
     }
 }
 
+/* The IOC runs, for the first time or again after a pause (iocPause). Returns how often it
+ * began to run. */
+PLC_COLD static int goOn(plcStation *s, int before)
+{
+    int running = epicsAtomicGetIntT(&s->running);
+
+    if (!before) {
+        chooseScanThread(s); /* all records have joined */
+        /* Blocks that came before scans were on have reached no record. */
+        if (s->valid)
+            plcScanRequestAll(s->inScan);
+        plcScanRequestAll(s->statusScan);
+        plcInputFollow(s, 0);
+        return running;
+    }
+    plcScanResume(s->inScan);
+    plcScanResume(s->outScan);
+    plcScanResume(s->statusScan);
+    plcScanResume(s->statsScan);
+    return running;
+}
+
 PLC_HOT void plcStationThread(void *arg)
 {
     plcStation *s = arg;
@@ -388,15 +410,8 @@ PLC_HOT void plcStationThread(void *arg)
         epicsUInt64 wake = PLC_NEVER;
 
         takeOrders(s, now);
-        if (!ran && epicsAtomicGetIntT(&s->running)) {
-            /* Blocks that came before scans were on have reached no record. */
-            ran = 1;
-            chooseScanThread(s); /* all records have joined */
-            if (s->valid)
-                plcScanRequestAll(s->inScan);
-            plcScanRequestAll(s->statusScan);
-            plcInputFollow(s, 0);
-        }
+        if (ran != epicsAtomicGetIntT(&s->running))
+            ran = goOn(s, ran);
         if (s->policyWake && s->looked >= s->policyWake)
             plcLineTellPolicy(s, plcEventTick, 0, now);
         if (s->exchange)
