@@ -163,6 +163,7 @@ void plcModbusStart(plcModbus *m, SOCKET socket, const epicsUInt8 *glueIn,
     m->handed = why ? INVALID_SOCKET : copy;
     m->knowsIn = copyGlue(m->glueIn, glueIn, m->setup.inSize);
     m->knowsOut = copyGlue(m->glueOut, glueOut, m->setup.outSize);
+    m->glueIsNew = 0;
     if (why) {
         m->news.lost = m->hasNews = 1;
         strcpy(m->news.why, why);
@@ -174,6 +175,16 @@ void plcModbusStart(plcModbus *m, SOCKET socket, const epicsUInt8 *glueIn,
             epicsSocketDestroy(copy);
         m->setup.wake(m->setup.arg);
     }
+}
+
+void plcModbusGlue(plcModbus *m, const epicsUInt8 *glueIn, const epicsUInt8 *glueOut)
+{
+    epicsMutexMustLock(m->lock);
+    m->knowsIn = copyGlue(m->glueIn, glueIn, m->setup.inSize);
+    m->knowsOut = copyGlue(m->glueOut, glueOut, m->setup.outSize);
+    m->glueIsNew = 1;
+    epicsMutexUnlock(m->lock);
+    plcWakeUp(&m->wake);
 }
 
 void plcModbusStop(plcModbus *m)
@@ -304,6 +315,16 @@ static int beat(plcModbus *m)
 
 /* --- The thread ------------------------------------------------------------------- */
 
+/* The lock is held. */
+static void takeGlue(plcModbus *m)
+{
+    session *s = &m->session;
+
+    s->knowsIn = copyGlue(m->ownGlueIn, m->knowsIn ? m->glueIn : NULL, m->setup.inSize);
+    s->knowsOut = copyGlue(m->ownGlueOut, m->knowsOut ? m->glueOut : NULL, m->setup.outSize);
+    m->glueIsNew = 0;
+}
+
 /* Takes over a connection, if there is a new one. */
 static void beginSession(plcModbus *m)
 {
@@ -320,10 +341,7 @@ static void beginSession(plcModbus *m)
         s->on = 1;
         s->options = m->options;
         memset(m->leaving, 0, m->setup.outSize);
-        s->knowsIn =
-            copyGlue(m->ownGlueIn, m->knowsIn ? m->glueIn : NULL, m->setup.inSize);
-        s->knowsOut =
-            copyGlue(m->ownGlueOut, m->knowsOut ? m->glueOut : NULL, m->setup.outSize);
+        takeGlue(m);
     }
     epicsMutexUnlock(m->lock);
     if (socket == INVALID_SOCKET)
@@ -362,11 +380,17 @@ static epicsUInt64 step(plcModbus *m)
 {
     session *s = &m->session;
     epicsUInt64 next;
+    int plan;
 
     if (!plcWorkerEnter(m))
         return PLC_WORKER_NEVER;
     takeOptions(m);
+    plan = m->glueIsNew && !s->round; /* not within a round of reads */
+    if (plan)
+        takeGlue(m);
     epicsMutexUnlock(m->lock);
+    if (plan)
+        plcWorkerPlan(m);
     if (plcModbusWireBroken(m->wire, s->lost) || plcWorkerWriteAll(m) || beat(m))
         next = PLC_WORKER_NEVER;
     else

@@ -66,6 +66,9 @@ void plcModbusSetOptions(plcModbus *modbus, const plcModbusOptions *options);
 void plcModbusStart(plcModbus *modbus, SOCKET socket, const epicsUInt8 *glueIn,
                     const epicsUInt8 *glueOut);
 
+/* New ones, from the next request on. */
+void plcModbusGlue(plcModbus *modbus, const epicsUInt8 *glueIn, const epicsUInt8 *glueOut);
+
 /* Never mind the connection: it is shut down, a request under way is cut off; no news of
  * it comes any more, and no change of the faults. */
 void plcModbusStop(plcModbus *modbus);

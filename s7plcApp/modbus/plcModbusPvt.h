@@ -67,6 +67,7 @@ struct plcModbus {
     SOCKET handed; /* for the worker; INVALID_SOCKET: none */
     epicsUInt8 *glueIn, *glueOut;
     int knowsIn, knowsOut;    /* glue was given */
+    int glueIsNew;            /* since the session began */
     epicsUInt8 *order, *owed; /* newest values, and which bits have not left */
     int ordered;              /* some bits of owed are set */
     int writing;              /* a write is under way */
@@ -158,7 +159,8 @@ int plcWorkerWriteAll(plcModbus *m);
 
 /* --- plcModbusReads.c -------------------------------------------------------------- */
 
-/* A new session: the reads that come back by their periods, all due now. */
+/* The reads that come back by their periods, all due now: a new session, or values lie
+ * elsewhere. */
 void plcWorkerPlan(plcModbus *m);
 
 /* Makes one read, if one is due. Returns when to go on, monotonic ns, 0: at once; or

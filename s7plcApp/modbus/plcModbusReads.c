@@ -235,12 +235,13 @@ void plcWorkerPlan(plcModbus *m)
     plcRequest *requests;
     unsigned i, n;
 
+    s->turnCount = 0;
     n = plcPlanReads(m->setup.outputs, m->setup.outputCount,
                      s->knowsOut ? m->ownGlueOut : NULL, &requests);
     for (i = 0; i < n; i++)
         addTurn(s, &requests[i], 1, now - 1); /* before all others */
     free(requests);
-    if (n == 0)
+    if (n == 0 && !s->outputsTried)
         tellOutputs(m);
     n = plcPlanReads(m->setup.inputs, m->setup.inputCount,
                      s->knowsIn ? m->ownGlueIn : NULL, &requests);

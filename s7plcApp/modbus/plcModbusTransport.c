@@ -104,6 +104,13 @@ static void up(void *pvt, SOCKET socket, const epicsUInt8 *wholeIn,
     plcModbusStart(t->worker, socket, wholeIn, wholeOut);
 }
 
+static void whole(void *pvt, const epicsUInt8 *wholeIn, const epicsUInt8 *wholeOut)
+{
+    modbusTransport *t = pvt;
+
+    plcModbusGlue(t->worker, wholeIn, wholeOut);
+}
+
 static void down(void *pvt)
 {
     modbusTransport *t = pvt;
@@ -170,6 +177,7 @@ const plcTransport plcModbusTransport = {
     .pause = longestPause,
     .options = options,
     .up = up,
+    .whole = whole,
     .down = down,
     .news = news,
     .put = put,

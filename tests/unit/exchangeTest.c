@@ -1,89 +1,15 @@
-/* A station with a transport that the test plays itself, call by call: what the station makes
- * of its news, and of none. */
+/* A station with a transport that the test plays itself: what the station makes of its news,
+ * and of none. */
 #include <stdio.h>
 #include <string.h>
 
 #include <epicsAtomic.h>
-#include <epicsMutex.h>
 #include <epicsUnitTest.h>
 #include <testMain.h>
 
+#include "fakeTransport.h"
 #include "plcStation.h"
-#include "plcTransport.h"
 #include "testTools.h"
-
-/* --- The transport: it brings a block when it is told to ---------------------------------- */
-
-static plcTransportSetup made;
-static double pauseMs;                  /* what it says */
-static int ups, downs, works, asks;     /* atomic: calls; it works by itself; takes of news */
-
-static void *create(const plcTransportSetup *setup, const void *own)
-{
-    made = *setup;
-    return &made;
-}
-
-static void nothing(void *pvt)
-{
-    (void)pvt;
-}
-
-static void options(void *pvt, const plcOptions *o)
-{
-    (void)pvt, (void)o;
-}
-
-static double pause_(void *pvt, const plcOptions *o)
-{
-    (void)pvt, (void)o;
-    return pauseMs;
-}
-
-static void up(void *pvt, SOCKET socket, const epicsUInt8 *in, const epicsUInt8 *out)
-{
-    (void)pvt, (void)socket, (void)in, (void)out;
-    epicsAtomicIncrIntT(&ups);
-}
-
-static void down(void *pvt)
-{
-    (void)pvt;
-    epicsAtomicIncrIntT(&downs);
-}
-
-static int news(void *pvt, plcNews *n, void *input, void *output)
-{
-    (void)pvt, (void)output;
-    memset(n, 0, sizeof(*n));
-    epicsAtomicIncrIntT(&asks);
-    if (!epicsAtomicGetIntT(&works) || epicsAtomicGetIntT(&ups) == epicsAtomicGetIntT(&downs))
-        return 0;
-    n->requests = n->blocks = 1;
-    epicsTimeGetCurrent(&n->stamp);
-    memset(input, 7, made.inSize);
-    return 1;
-}
-
-static void put(void *pvt, const void *image, const void *mask)
-{
-    (void)pvt, (void)image, (void)mask;
-}
-
-static const plcTransport fake = {.name = "fake",
-                                  .prefix = "fake ",
-                                  .create = create,
-                                  .destroy = nothing,
-                                  .begin = nothing,
-                                  .end = nothing,
-                                  .pause = pause_,
-                                  .options = options,
-                                  .up = up,
-                                  .down = down,
-                                  .news = news,
-                                  .put = put};
-
-/* --- The station -------------------------------------------------------------------------- */
 
 static const char *reason(plcStation *s)
 {
@@ -100,13 +26,13 @@ static plcStation *start(int *listener)
     plcStationConfig config = {.name = "PLC",
                                .address = {"127.0.0.1", ""},
                                .inSize = 4,
+                               .outSize = 16,
                                .bigEndian = 1,
                                .recvTimeout = 2000,
                                .sendInterval = 100,
-                               .transport = &fake};
+                               .transport = &fakeTransport};
     plcStation *s;
 
-    ups = downs = 0;
     *listener = toolListen(&port);
     config.port = port;
     s = plcStationCreate(&config);
@@ -124,19 +50,20 @@ static void testSilence(void)
     plcStats st;
     plcStation *s;
 
-    pauseMs = 20;
-    epicsAtomicSetIntT(&works, 1);
+    fakeReset();
+    fake.pause = 20;
+    fake.works = 1;
     s = start(&listener);
     WAIT_FOR(!reason(s)[0]);
     testOk(!reason(s)[0], "the worker brings data");
-    epicsAtomicSetIntT(&works, 0);
-    WAIT_FOR(epicsAtomicGetIntT(&downs) > 0);
+    epicsAtomicSetIntT(&fake.works, 0);
+    WAIT_FOR(epicsAtomicGetIntT(&fake.downs) > 0);
     plcStationStats(s, &st);
     testOk(strncmp(st.lastError, "no fake request for 1.", 22) == 0 && reason(s)[0],
            "it stands still: %s", st.lastError);
-    before = epicsAtomicGetIntT(&ups);
-    epicsAtomicSetIntT(&works, 1);
-    WAIT_FOR(epicsAtomicGetIntT(&ups) > before && !reason(s)[0]);
+    before = epicsAtomicGetIntT(&fake.ups);
+    epicsAtomicSetIntT(&fake.works, 1);
+    WAIT_FOR(epicsAtomicGetIntT(&fake.ups) > before && !reason(s)[0]);
     testOk(!reason(s)[0], "on the next connection it works again, and data is good");
     plcStationsDestroy();
     toolClose(listener);
@@ -149,22 +76,88 @@ static void testQuiet(void)
     int listener;
     plcStation *s;
 
-    pauseMs = 0;
-    epicsAtomicSetIntT(&works, 1);
+    fakeReset();
+    fake.works = 1;
     s = start(&listener);
     WAIT_FOR(!reason(s)[0]);
-    epicsAtomicSetIntT(&works, 0);
+    epicsAtomicSetIntT(&fake.works, 0);
     until = epicsMonotonicGet() + 1500000000u; /* longer than the other was allowed to */
     WAIT_FOR(epicsMonotonicGet() > until);
-    testOk(!reason(s)[0] && epicsAtomicGetIntT(&downs) == 0, "a worker without reads may rest");
+    testOk(!reason(s)[0] && epicsAtomicGetIntT(&fake.downs) == 0,
+           "a worker without reads may rest");
     plcStationsDestroy();
     toolClose(listener);
 }
 
+/* Records that come later have values that must stay whole, too. */
+static void testUsers(void)
+{
+    plcUser user = {.name = "late", .recordType = "ao", .output = 1, .offset = 4, .length = 8,
+                    .type = plcTypeFind("FLOAT", 5)};
+    int listener;
+    plcStation *s;
+
+    fakeReset();
+    s = start(&listener);
+    WAIT_FOR(epicsAtomicGetIntT(&fake.ups) == 1);
+    testOk(epicsAtomicGetIntT(&fake.whole) == 0, "no record, no value");
+    plcUsersAdd(plcStationUsers(s), &user);
+    plcStationSend(s);
+    WAIT_FOR(epicsAtomicGetIntT(&fake.wholes));
+    testOk(epicsAtomicGetIntT(&fake.whole) == 6, "two values of 4 bytes are told at once");
+    plcUsersRemove(plcStationUsers(s), &user);
+    plcStationSend(s);
+    WAIT_FOR(epicsAtomicGetIntT(&fake.wholes) == 2);
+    testOk(epicsAtomicGetIntT(&fake.whole) == 0, "and that they are gone");
+    plcStationsDestroy();
+    toolClose(listener);
+}
+
+/* The PLC moves; who takes its outputs stays where it is. */
+static void testMove(void)
+{
+    int port[3] = {0, 0, 0}, listener[3], i, fd;
+    char text[40], error[200];
+    plcStationConfig config = {.name = "PLC",
+                               .address = {"127.0.0.1", ""},
+                               .inSize = 4,
+                               .outSize = 4,
+                               .bigEndian = 1,
+                               .recvTimeout = 60000,
+                               .sendInterval = 100};
+    plcStation *s;
+
+    fakeReset();
+    for (i = 0; i < 3; i++)
+        listener[i] = toolListen(&port[i]);
+    config.port = port[0];
+    s = plcStationCreate(&config);
+    if (plcStationOutputBy(s, "127.0.0.1", port[2], &fakeTransport, NULL, error, sizeof(error)))
+        testAbort("%s", error);
+    plcStationsStart();
+    plcStationsRun();
+    fd = toolAccept(listener[0]);
+    WAIT_FOR(epicsAtomicGetIntT(&fake.ups) == 1);
+    sprintf(text, "127.0.0.1:%d", port[1]);
+    plcStationMove(s, text, error, sizeof(error));
+    testOk(toolClosed(fd), "the connection to the old address ends");
+    toolClose(fd);
+    fd = toolAccept(listener[1]);
+    testOk(fd >= 0, "there is one to the new address");
+    testOk(epicsAtomicGetIntT(&fake.downs) == 0 && plcStationOutputConnected(s, NULL),
+           "that of the outputs stays");
+    plcStationsDestroy();
+    toolClose(fd);
+    for (i = 0; i < 3; i++)
+        toolClose(listener[i]);
+}
+
 MAIN(exchangeTest)
 {
-    testPlan(4);
+    testPlan(10);
     testSilence();
     testQuiet();
+    testUsers();
+    testMove();
     return testDone();
 }

@@ -1201,6 +1201,32 @@ static void testDestroy(void)
     plcDestroy(p);
 }
 
+/* --- Values that come to be known later ---------------------------------------------- */
+
+static void testNewGlue(void)
+{
+    plc *p = plcCreate();
+    world *w = worldCreate(p, "holding 0 130 every 5", "", 1);
+    epicsUInt8 glue[260] = {0};
+    static const plcSeen whole = {3, 0, 124}, rest = {3, 124, 6};
+    unsigned i, n = 0;
+
+    start(w, NULL, NULL);
+    UNTIL(w, w->all.blocks);
+    testOk(plcAsked(p, 3, 124) && plcLog(p, 0).count == 125, "125 registers at once");
+    memset(glue + 249, 1, 3); /* registers 124 and 125 */
+    plcModbusGlue(w->modbus, glue, NULL);
+    UNTIL(w, isSame(plcLog(p, plcLogged(p) - 1), rest));
+    plcForget(p);
+    UNTIL(w, plcLogged(p) >= 20);
+    for (i = 0; i < 20; i++)
+        n += isSame(plcLog(p, i), whole) || isSame(plcLog(p, i), rest);
+    testOk(n == 20, "a new record with a value across the limit: it stays whole");
+    testOk(!w->all.lost && w->all.blocks > 1, "and blocks go on");
+    worldDestroy(w);
+    plcDestroy(p);
+}
+
 /* --- A PLC that answers that it is busy: the worker rests and asks again ----------- */
 
 static void destroyThread(void *arg)
@@ -1431,7 +1457,7 @@ static void testDescriptors(void)
 
 MAIN(modbusTest)
 {
-    testPlan(112);
+    testPlan(115);
     testInputs();
     testLittleEndian();
     testPeriods();
@@ -1449,6 +1475,7 @@ MAIN(modbusTest)
     testOldOrders();
     testDestroy();
     testBusy();
+    testNewGlue();
     testRest();
     testOrderInRest();
     testNoThread();

@@ -249,6 +249,24 @@ static void testAll(void)
            "with one group nothing is compared: every block is a pass");
 }
 
+/* Asked for while the IOC was paused, done when it runs again. */
+static void testPaused(void)
+{
+    epicsUInt64 start = epicsMonotonicGet();
+    int passes = passesOf(&all);
+
+    closeGate("all:medium");
+    plcScanRequestAll(all.scan);
+    epicsEventMustWait(gateReached);
+    interruptAccept = FALSE;
+    plcScanRequestAll(all.scan);
+    interruptAccept = TRUE;
+    openGate();
+    testOk(waitPasses(&all, passes + 2), "a request in a pause is done behind it");
+    testOk(all.requested >= start && all.requested <= epicsMonotonicGet(),
+           "and its time is not before the pause");
+}
+
 static void testFlood(void)
 {
     callbackQueueStats stats;
@@ -895,7 +913,7 @@ static void stopIoc(void)
 
 MAIN(scanTest)
 {
-    testPlan(2 + 8 + 8 + 17 + 9 + 9 + 2 + 23 + 17 + 10 + 1 + 13 + 8 + 3 + 3 + 4 + 1);
+    testPlan(2 + 2 + 8 + 8 + 17 + 9 + 9 + 2 + 23 + 17 + 10 + 1 + 13 + 8 + 3 + 3 + 4 + 1);
     startIoc();
     testBeforeInit();
     eltc(0); /* no messages of full queues */
@@ -912,6 +930,7 @@ MAIN(scanTest)
     testQueueFull();
     testQueueFullOnce();
     testDiag("Records come and go");
+    testPaused();
     testJoin();
     testDiag("A group for each range: records come and go");
     testNewcomers();

@@ -1029,6 +1029,45 @@ static void testOptions(void)
     end(-1, -1);
 }
 
+static int writerStops; /* atomic */
+
+static void otherWriter(void *pvt)
+{
+    plcStation *s = ((void **)pvt)[0];
+    char value[12];
+    int i;
+
+    for (i = 0; !epicsAtomicGetIntT(&writerStops); i++) {
+        sprintf(value, "%d", 1 + i % 100);
+        set(s, "minUpdate", value);
+    }
+    epicsEventSignal(((void **)pvt)[1]);
+}
+
+/* Each of two threads sets an option of its own: none takes the other's back. */
+static void testTwoWriters(void)
+{
+    plcStation *s = make("PLC", "", 0, IN, OUT, 1500, 70);
+    void *pvt[2] = {s, epicsEventMustCreate(epicsEventEmpty)};
+    char value[12];
+    plcOptions o;
+    int i, lost = 0;
+
+    epicsThreadMustCreate("writer", epicsThreadPriorityMedium,
+                          epicsThreadGetStackSize(epicsThreadStackMedium), otherWriter, pvt);
+    for (i = 0; i < 20000; i++) {
+        sprintf(value, "%d", 1 + i % 1000);
+        set(s, "heartbeat", value);
+        plcStationGetOptions(s, &o);
+        lost += o.heartbeat != 1 + i % 1000;
+    }
+    epicsAtomicSetIntT(&writerStops, 1);
+    epicsEventMustWait(pvt[1]);
+    epicsEventDestroy(pvt[1]);
+    testOk(lost == 0, "two threads set options: %d of %d updates were lost", lost, i);
+    end(-1, -1);
+}
+
 /* --- The listener -------------------------------------------------------------------*/
 
 static struct {
@@ -1166,7 +1205,7 @@ static void testStuck(void)
 
 MAIN(stationTest)
 {
-    testPlan(135 + 7);
+    testPlan(135 + 7 + 1);
     eltc(0); /* the log is for people; here the test speaks */
     testFirstBlock();
     testClosed();
@@ -1203,5 +1242,6 @@ MAIN(stationTest)
     testOptions();
     testListener();
     testStuck();
+    testTwoWriters();
     return testDone();
 }

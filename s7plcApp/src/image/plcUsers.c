@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include <cantProceed.h>
+#include <epicsAtomic.h>
 #include <epicsMutex.h>
 
 #include "plcUsers.h"
@@ -10,6 +11,7 @@
 struct plcUsers {
     epicsMutexId lock;
     ELLLIST list;
+    int changes; /* atomic */
 };
 
 plcUsers *plcUsersCreate(void)
@@ -33,6 +35,7 @@ void plcUsersAdd(plcUsers *users, plcUser *user)
     epicsMutexMustLock(users->lock);
     ellAdd(&users->list, &user->node);
     epicsMutexUnlock(users->lock);
+    epicsAtomicIncrIntT(&users->changes);
 }
 
 void plcUsersRemove(plcUsers *users, plcUser *user)
@@ -40,6 +43,12 @@ void plcUsersRemove(plcUsers *users, plcUser *user)
     epicsMutexMustLock(users->lock);
     ellDelete(&users->list, &user->node);
     epicsMutexUnlock(users->lock);
+    epicsAtomicIncrIntT(&users->changes);
+}
+
+int plcUsersChanges(plcUsers *users)
+{
+    return epicsAtomicGetIntT(&users->changes);
 }
 
 static int byPlace(const void *a, const void *b)

@@ -36,6 +36,9 @@ void plcUsersDestroy(plcUsers *users);
 void plcUsersAdd(plcUsers *users, plcUser *user);
 void plcUsersRemove(plcUsers *users, plcUser *user);
 
+/* A number that is another one after each of these. */
+int plcUsersChanges(plcUsers *users);
+
 /* A copy of those of one direction, sorted by offset; to be freed. *count is their number.
  * NULL when there are none. */
 plcUser *plcUsersCopy(plcUsers *users, int output, size_t *count);

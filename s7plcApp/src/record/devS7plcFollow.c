@@ -213,6 +213,8 @@ long devWrite(dbCommon *prec)
     devRecord *dev = prec->dpvt;
     long status;
 
+    if (dev)
+        dev->raised = 0; /* what it had raised ends with this processing */
     if (dev && dev->following) {
         dev->following = 0;
         takeValue(prec, dev);

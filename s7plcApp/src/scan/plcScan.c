@@ -763,7 +763,9 @@ PLC_HOT static unsigned begin(plcScan *scan)
         if (scan->allRunning & 1u << i)
             scan->size += scan->count[i];
     }
-    scan->runningSince = scan->pendingSince ? scan->pendingSince : epicsMonotonicGet();
+    /* what was asked for while the IOC was paused is answered from now on */
+    scan->runningSince = prios && !scan->pendingSince ? epicsMonotonicGet()
+                                                      : scan->pendingSince;
     scan->pendingSince = 0;
     scan->busy = prios != 0;
     scan->remaining = bitCount(prios);

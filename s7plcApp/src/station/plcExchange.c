@@ -98,22 +98,35 @@ static epicsUInt8 *wholeValues(plcStation *s, int output)
     return whole;
 }
 
+static void tellWhole(plcStation *s, int isUp)
+{
+    plcExchange *x = s->exchange;
+    epicsUInt8 *in, *out;
+
+    x->users = plcUsersChanges(s->users);
+    in = x->inFaults ? wholeValues(s, 0) : NULL;
+    out = wholeValues(s, 1);
+    if (!isUp)
+        x->transport->up(x->pvt, s->lines[x->line].connection.socket, in, out);
+    else if (x->transport->whole)
+        x->transport->whole(x->pvt, in, out);
+    free(in);
+    free(out);
+}
+
 /* Not before all records are there: the worker must know where values lie, or it would cut
  * one. */
 static void startWhenReady(plcStation *s)
 {
     plcExchange *x = s->exchange;
-    epicsUInt8 *in, *out;
 
+    if (x->sign && x->users != plcUsersChanges(s->users))
+        tellWhole(s, 1);
     if (!x->waiting || !epicsAtomicGetIntT(&s->ready))
         return;
     x->waiting = 0;
     x->sign = epicsMonotonicGet();
-    in = x->inFaults ? wholeValues(s, 0) : NULL;
-    out = wholeValues(s, 1);
-    x->transport->up(x->pvt, s->lines[x->line].connection.socket, in, out);
-    free(in);
-    free(out);
+    tellWhole(s, 0);
 }
 
 void plcExchangeUp(plcStation *s)

@@ -659,11 +659,14 @@ int plcStationMove(plcStation *s, const char *text, char *error, size_t size)
         /* a second PLC at IPaddr+1 moves along; one with an address of its own stays */
         if (i == 0 || s->plus[i])
             strcpy(s->address[i], host);
+        if (i == 0 || s->plus[i] || s->port[i] != port)
+            s->moved |= 1u << i;
         s->port[i] = port;
-        s->moved = 1;
     }
-    if (port && s->outHere)
+    if (port && s->outHere) {
         strcpy(s->address[s->exchange->line], host);
+        s->moved |= 1u << s->exchange->line;
+    }
     epicsMutexUnlock(s->lock);
     if (!port) {
         epicsSnprintf(error, size, "need host:port");
@@ -735,22 +738,23 @@ int plcStationSetOption(plcStation *s, const char *key, const char *value, char 
     plcOptions options;
     int status;
 
+    /* Under the lock as a whole: who sets another one meanwhile shall not lose it. */
     epicsMutexMustLock(s->lock);
     options = s->options;
-    epicsMutexUnlock(s->lock);
     status = plcOptionsSet(&options, key, value, s->started, error, size);
     if (status == 0)
         status = optionsFit(s, &options, error, size);
-    if (status)
-        return status;
-    if (!s->started) {
+    if (status == 0) {
+        s->options = options;
+        s->optionsChanged = 1;
+    }
+    if (status == 0 && !s->started) {
         plcScanByRange(s->inScan, options.scan == plcScanChanged);
         s->order = orderOf(s->bigEndian, options.wordOrder);
     }
-    epicsMutexMustLock(s->lock);
-    s->options = options;
-    s->optionsChanged = 1;
     epicsMutexUnlock(s->lock);
+    if (status)
+        return status;
     plcStationGate(s);
     plcStationWake(s);
     return 0;

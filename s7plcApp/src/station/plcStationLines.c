@@ -153,7 +153,7 @@ PLC_COLD static void lineFailed(plcStation *s, unsigned i, epicsUInt64 now,
         line->logged = 1;
         epicsSnprintf(text, sizeof(text),
                       "cannot connect to %s%s%s port %d: %s; trying on", lineName(s, i),
-                      s->address[i], s->plus[i] ? "+1" : "", line->port, why);
+                      line->host, line->plus ? "+1" : "", line->port, why);
         plcStationLog(s, errlogMajor, text);
     }
     if (!plcLineIsOutput(s, i) && s->leader < 0 && !line->wrongSize &&
@@ -245,11 +245,11 @@ PLC_COLD static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
     if (!line->wrongSize && !line->fruitless) {
         if (line->lostAt)
             epicsSnprintf(text, sizeof(text), "%sconnected to %s%s port %d, after %.1f s",
-                          lineName(s, i), s->address[i], s->plus[i] ? "+1" : "",
+                          lineName(s, i), line->host, line->plus ? "+1" : "",
                           line->port, (now - line->lostAt) * 1e-9);
         else
             epicsSnprintf(text, sizeof(text), "%sconnected to %s%s port %d",
-                          lineName(s, i), s->address[i], s->plus[i] ? "+1" : "",
+                          lineName(s, i), line->host, line->plus ? "+1" : "",
                           line->port);
         plcStationLog(s, errlogInfo, text);
     }
@@ -563,16 +563,16 @@ PLC_HOT void plcLineDataStep(plcStation *s, epicsUInt64 *wake)
 void plcLineAddress(plcStation *s, unsigned i, epicsUInt64 now)
 {
     plcLine *line = &s->lines[i];
-    char host[PLC_NAME_MAX + 1];
-    int plus;
 
     epicsMutexMustLock(s->lock);
-    strcpy(host, s->address[i]);
-    plus = s->plus[i];
+    strcpy(line->host, s->address[i]);
+    line->plus = s->plus[i];
     line->port = s->port[i];
     epicsMutexUnlock(s->lock);
     plcResolverRelease(line->resolver);
-    line->resolver = host[0] ? plcResolverCreate(host, plus, plcStationWake, s) : NULL;
+    line->resolver = line->host[0] ? plcResolverCreate(line->host, line->plus,
+                                                      plcStationWake, s)
+                                   : NULL;
     line->failures = line->wrongSize = line->fruitless = line->logged = 0;
     line->lostWhy[0] = 0;
     line->retryAt = now;

@@ -40,6 +40,7 @@ typedef struct plcExchange {
     int shown;             /* `output` is news that nobody has looked at yet */
     int unread;            /* the PLC does not show its outputs */
     epicsUInt64 ordered;   /* when the oldest put under way was made; 0: none is */
+    int users;             /* plcUsersChanges when the worker was told where values lie */
     epicsUInt64 sign;      /* the last request was through then; 0: there is none to come */
 } plcExchange;
 
@@ -47,7 +48,9 @@ typedef struct plcExchange {
 typedef struct plcLine {
     plcConnection connection;
     plcResolver *resolver; /* NULL: no address */
-    int port;
+    char host[PLC_NAME_MAX + 1]; /* copies of the station's: name or address, */
+    unsigned plus;               /* what is added to it, */
+    int port;                    /* TCP port */
     epicsUInt64 retryAt;   /* when to try to connect next */
     unsigned failures;     /* in a row, for the back-off */
     epicsUInt64 lastBlock; /* 0: none on this connection */
@@ -106,7 +109,7 @@ struct plcStation {
     int plus[PLC_LINKS_MAX];
     int port[PLC_LINKS_MAX];
     int outHere;                   /* the output line goes to the address of line 0 */
-    int moved;                     /* an address or a port is new */
+    unsigned moved;                /* bit i: address or port of line i is new */
     char reason[PLC_REASON_SIZE];  /* why not connected */
     char outReason[PLC_REASON_SIZE]; /* the same of a line that is only for output */
     int layoutState;               /* plcLayoutUnknown, ...: what layoutAt has shown */

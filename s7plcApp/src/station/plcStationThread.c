@@ -284,7 +284,8 @@ PLC_HOT static void takeOrders(plcStation *s, epicsUInt64 now)
 {
     const char *why = "PLC address changed";
     unsigned i;
-    int moved, changed;
+    unsigned moved;
+    int changed;
 
     epicsMutexMustLock(s->lock);
     changed = s->optionsChanged;
@@ -302,7 +303,9 @@ PLC_HOT static void takeOrders(plcStation *s, epicsUInt64 now)
         chooseScanThread(s);
     if (changed)
         noteWrites(s, now);
-    for (i = 0; moved && i < s->lineCount; i++) {
+    for (i = 0; i < s->lineCount; i++) {
+        if (!(moved & 1u << i))
+            continue;
         if (s->lines[i].connection.state == plcConnectionUp)
             plcLineLost(s, i, now, why);
         plcConnectionClose(&s->lines[i].connection, why, now);

@@ -84,6 +84,8 @@ typedef struct plcTransport {
      * before: such a value is transferred as a whole. They are the station's. */
     void (*up)(void *pvt, SOCKET socket, const epicsUInt8 *wholeIn,
                const epicsUInt8 *wholeOut);
+    /* Records have come or gone: what `up` was told of them is this now. May be NULL. */
+    void (*whole)(void *pvt, const epicsUInt8 *wholeIn, const epicsUInt8 *wholeOut);
     /* The connection is to be given up: no news of it comes any more. */
     void (*down)(void *pvt);
 
