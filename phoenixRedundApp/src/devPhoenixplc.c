@@ -95,9 +95,34 @@ static double getConnected1(const phoenixStatus *s)
     return s->connected[0];
 }
 
+/* 2: there is no SECOND. */
 static double getConnected2(const phoenixStatus *s)
 {
-    return s->connected[1];
+    return s->backup == phoenixNoPartner ? 2 : s->connected[1];
+}
+
+static void connected2Text(const phoenixStatus *s, char text[TEXT_SIZE])
+{
+    epicsSnprintf(text, TEXT_SIZE, "%s",
+                  s->backup == phoenixNoPartner ? "no partner"
+                  : s->connected[1]             ? "1"
+                                                : "0");
+}
+
+/* By what the BACKUP is linked, or not. */
+static void backupLinkText(const phoenixStatus *s, char text[TEXT_SIZE])
+{
+    static const char *const words[2][3] = {
+        {"no TCP, no answer to ICMP", "no TCP, answers ICMP", "no TCP, ICMP not known"},
+        {"TCP, no answer to ICMP",    "TCP and ICMP",         "TCP, ICMP not known"   },
+    };
+    int who = !s->primary;
+
+    if (s->backup == phoenixNoPartner || s->primary == pairNobody)
+        epicsSnprintf(text, TEXT_SIZE, "%s", phoenixBackupText[s->backup]);
+    else
+        epicsSnprintf(text, TEXT_SIZE, "%s",
+                      words[s->connected[who] != 0][s->reachable[who]]);
 }
 
 static double getReachable1(const phoenixStatus *s)
@@ -128,13 +153,14 @@ typedef struct keyRow {
 
 static const keyRow keys[] = {
     {"backup",             getBackup,            backupText      }, /* the first: no key */
+    {"backupLink",         NULL,                 backupLinkText  },
     {"primary",            getPrimary,           primaryText     },
     {"switchovers",        getSwitchovers,       NULL            },
     {"lastSwitchTime",     getSwitchTime,        switchTimeText  },
     {"lastSwitchReason",   NULL,                 switchReasonText},
     {"lastSwitchDuration", getSwitchDuration,    NULL            },
     {"connected1",         getConnected1,        NULL            },
-    {"connected2",         getConnected2,        NULL            },
+    {"connected2",         getConnected2,        connected2Text  },
     {"reachable1",         getReachable1,        NULL            },
     {"reachable2",         getReachable2,        NULL            },
     {"twoPrimaries",       getTwoPrimaries,      NULL            },
@@ -341,6 +367,20 @@ static int fetchText(dbCommon *prec, char text[TEXT_SIZE])
 
 /* --- Adapters ----------------------------------------------------------------------- */
 
+/* Where the state of the BACKUP is an alarm, AMSG says by what it is linked, or not. */
+static void sayLink(mbbiRecord *prec)
+{
+    const epicsEnum16 *severities = &prec->zrsv;
+    phoenixStatus status;
+    char text[TEXT_SIZE];
+
+    if (fetch((dbCommon *)prec, &status) != keys || prec->val >= 16)
+        return;
+    backupLinkText(&status, text);
+    if (severities[prec->val])
+        recGblSetSevrMsg(prec, STATE_ALARM, severities[prec->val], "%s", text);
+}
+
 /* The paper's record has no ZRVL...: VAL is the state itself, nothing is converted. */
 static long readMbbi(dbCommon *common)
 {
@@ -351,6 +391,7 @@ static long readMbbi(dbCommon *common)
         return -1;
     prec->rval = (epicsUInt32)value;
     prec->val = (epicsEnum16)value;
+    sayLink(prec);
     return 2;
 }
 
@@ -360,6 +401,8 @@ static long readBi(dbCommon *common)
 
     if (fetchNumber(common, &value))
         return -1;
+    if (((phoenixRecord *)common->dpvt)->row->number == getConnected2)
+        value = value == 1;
     ((biRecord *)common)->rval = value != 0;
     ((biRecord *)common)->val = value != 0;
     return 2;

@@ -255,11 +255,11 @@ static void logRole(phoenixPair *p, const pairRole *before)
                       text);
     }
     if (r->twoPrimaries && !before->twoPrimaries) {
-        epicsSnprintf(text, sizeof(text), "two PRIMARYs: both PLCs send; %s stays",
+        epicsSnprintf(text, sizeof(text), "two PRIMARIES: both PLCs send; %s stays",
                       phoenixName[r->leader]);
         plcStationLog(p->station, errlogMajor, text);
     } else if (before->twoPrimaries && !r->twoPrimaries) {
-        plcStationLog(p->station, errlogInfo, "no longer two PRIMARYs");
+        plcStationLog(p->station, errlogInfo, "no longer two PRIMARIES");
     }
 }
 
@@ -360,7 +360,7 @@ static void report(void *pvt, FILE *file, int level)
     phoenixPairStatus(p, &s);
     fprintf(file, "    pair: PRIMARY %s, BACKUP %s%s, %u switch-overs\n",
             s.primary == pairNobody ? "unknown" : phoenixName[s.primary],
-            phoenixBackupText[s.backup], s.twoPrimaries ? ", TWO PRIMARYs" : "",
+            phoenixBackupText[s.backup], s.twoPrimaries ? ", TWO PRIMARIES" : "",
             (unsigned)s.switchovers);
     if (level < 1)
         return;
@@ -372,7 +372,7 @@ static void report(void *pvt, FILE *file, int level)
                 s.reachable[i] == phoenixAnswers    ? "answers"
                 : s.reachable[i] == phoenixNoAnswer ? "does not answer"
                                                     : "not known to answer");
-    fprintf(file, "    two PRIMARYs: %u times\n", (unsigned)s.twoPrimariesCount);
+    fprintf(file, "    two PRIMARIES: %u times\n", (unsigned)s.twoPrimariesCount);
     if (!s.switchovers)
         return;
     epicsTimeToStrftime(when, sizeof(when), "%Y-%m-%d %H:%M:%S.%03f", &s.switchTime);

@@ -573,7 +573,9 @@ void plcAsynThread(void *arg)
         plcWakeWait(&port->wake, port->look);
         if (epicsAtomicGetIntT(&port->stop))
             break;
-        if (epicsAtomicGetIntT(&port->running))
+        if (epicsAtomicGetIntT(&port->paused))
+            port->look = NEVER; /* the end of the pause wakes us */
+        else if (epicsAtomicGetIntT(&port->running))
             once(port);
     }
     plcAsynThreadEnds(port);

@@ -352,12 +352,14 @@ static void hook(initHookState state)
     if (state == initHookAfterInitDatabase)
         epicsAtExit(stop, NULL);
 #endif
-    if (state != initHookAfterIocRunning)
+    if (state != initHookAfterIocRunning && state != initHookAtIocPause)
         return;
     for (node = ellFirst(&ports); node; node = ellNext(node)) {
         plcAsynPort *port = CONTAINER(node, plcAsynPort, node);
 
-        epicsAtomicSetIntT(&port->running, 1);
+        epicsAtomicSetIntT(&port->paused, state == initHookAtIocPause);
+        if (state == initHookAfterIocRunning)
+            epicsAtomicSetIntT(&port->running, 1);
         plcWakeUp(&port->wake);
     }
 }

@@ -77,6 +77,7 @@ typedef struct plcAsynPort {
     epicsCallback marks[NUM_CALLBACK_PRIORITIES];
     int marksLeft; /* atomic */
     int running;   /* atomic: iocInit is over */
+    int paused;    /* atomic: by iocPause; Base drops what callbacks ask for */
     int stop;      /* atomic */
     int off;       /* atomic: disconnected by a user */
 } plcAsynPort;

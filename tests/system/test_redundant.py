@@ -267,6 +267,7 @@ def test_nobody(new_pair):
     sim.command("first silence on")
     ioc.wait_alarm("A:cnt", "INVALID", "COMM", "no PRIMARY")
     assert ioc.text("A:PRIMARY") == "none" and ioc.text("A:BACKUP") == "unknown"
+    assert ioc.severity("A:BACKUP") == "MINOR"
     sim.command("first silence off")
     ioc.wait_alarm("A:cnt", "NO_ALARM")
     assert ioc.text("A:PRIMARY") == "FIRST" and ioc.get("A:SWITCHOVERS") == 0
@@ -317,6 +318,8 @@ def test_no_cross_talk(tmp_path, closing, record):
     assert ioc.get("A:SWITCHOVERS") == 2 and ioc.get("B:SWITCHOVERS") == 0
     assert ioc.text("B:PRIMARY") == "FIRST" and ioc.text("B:BACKUP") == "plc-2nd linked"
     assert ioc.text("C:BACKUP") == "no partner" and ioc.text("D:BACKUP") == "no partner"
+    assert ioc.text("C:CONNECTED2") == "no partner" and ioc.severity("C:CONNECTED2") == "NO_ALARM"
+    assert ioc.text("B:BACKUP_LINK").startswith("TCP") and ioc.text("C:BACKUP_LINK") == "no partner"
     for n, name in enumerate(names):
         assert {v for _, v, s in seen.events[f"{name}:who"] if s != 3} == {n + 1}
         if name != "A":
