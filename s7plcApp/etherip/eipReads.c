@@ -299,7 +299,7 @@ static void badUnit(eipWorker *w, eipUnit *u, const char *reason)
         want->refused = 1;
     }
     if (!u->refused) {
-        eipWorkerNote(w, "tag %.60s: %s", w->tags.tags[u->tag].base, reason);
+        eipWorkerNote(w, "tag %.60s[%u]: %s", w->tags.tags[u->tag].base, u->first, reason);
         w->replan = 1;
     }
     u->refused = 1;

@@ -42,6 +42,7 @@ typedef struct eipWant {
     unsigned period;     /* ms */
     size_t place, room;  /* bytes in both images */
     int refused;         /* by itself, the last time: it is asked for seldom, and alone */
+    int fresh;           /* what stands in its place is of nobody */
 } eipWant;
 
 typedef enum { eipTagNew, eipTagKnown, eipTagBad } eipTagState;

@@ -646,7 +646,7 @@ static void endSession(eipWorker *w, int polite)
 static void takeOrders(eipWorker *w)
 {
     eipWant *wants = NULL;
-    unsigned count = 0;
+    unsigned count = 0, i;
     int fresh;
 
     epicsMutexMustLock(w->lock);
@@ -662,6 +662,11 @@ static void takeOrders(eipWorker *w)
     epicsMutexUnlock(w->lock);
     if (!fresh)
         return;
+    for (i = 0; i < count; i++)
+        if (wants[i].fresh) {
+            memset(w->in + wants[i].place, 0, wants[i].room);
+            plcFaultsClear(w->setup.inFaults, wants[i].place, wants[i].room, NULL);
+        }
     epicsMutexMustLock(w->tagsLock);
     w->turn = NULL;
     if (eipTagsSet(&w->tags, wants, count))

@@ -578,7 +578,7 @@ static eipWant want(const char *tag, epicsUInt32 index, epicsUInt32 count, eipPl
                     unsigned period, size_t place)
 {
     eipWant w = {epicsStrDup(tag), index, count, 0, kind, period, place,
-                 kind == eipCell ? eipCellSize : eipPlaceHead + 8 * count, 0};
+                 kind == eipCell ? eipCellSize : eipPlaceHead + 8 * count, 0, 0};
 
     if (kind == eipTextPlace)
         w.room = eipPlaceHead + 40;

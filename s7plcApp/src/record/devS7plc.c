@@ -222,6 +222,8 @@ static int resolve(dbCommon *prec, devRecord *dev, const char *text, plcLinkErro
     size_t room = 0;
     plcLink link;
 
+    if (support->resolve)
+        return support->resolve(prec, dev, text, error);
     if (support->direction == devStatistics)
         return devResolveStatistics(shape.recordType, dev, text, error);
     if (plcLinkParse(text, &link, error))
@@ -272,6 +274,8 @@ static void release(devRecord *dev)
         plcUsersRemove(plcStationUsers(dev->station), &dev->user);
     if (dev->shifted)
         *dev->shifted = dev->unshifted;
+    if (dev->forget)
+        dev->forget(dev);
     free(dev->reason);
     free(dev->buffer);
     free(dev);

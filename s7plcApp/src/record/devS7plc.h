@@ -71,6 +71,9 @@ typedef struct devRecord {
     /* inputs with I/O Intr */
     ELLNODE silentNode; /* in the list of records that no block has made process, while */
     int silent;         /* this is set */
+    /* a wire that has links of its own */
+    void *own; /* what its resolve has made, */
+    void (*forget)(struct devRecord *dev); /* and what ends it; NULL: nothing */
 } devRecord;
 
 /* One row per record type. A dset (its head is all that Base sees), with what the generic
@@ -103,13 +106,17 @@ typedef struct devSupport {
     int (*delays)(const dbCommon *prec);
     /* bo: the field HIGH, after which a 1 that was put is put back to 0. NULL: others. */
     double *(*pulse)(dbCommon *prec);
+    /* A wire with links of its own: from the text to a place in an image (station, image,
+     * faults, type, offset, length, order, mask). Returns 0 or -1 with *error. NULL:
+     * "@PLC/offset ...". */
+    int (*resolve)(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *error);
 } devSupport;
 
 /* The head of every row. */
 #define DEV_DSET {6, NULL, devInit, devInitRecord, devIointInfo}
 
 /* The end of the row of a record that writes nothing into a block. */
-#define DEV_READS NULL, NULL, NULL, NULL
+#define DEV_READS NULL, NULL, NULL, NULL, NULL
 
 /* The transfer of all outputs: writes, or follows the PLC's value. */
 long devWrite(dbCommon *prec);

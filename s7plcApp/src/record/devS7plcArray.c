@@ -235,7 +235,7 @@ const devSupport devS7plcAai = {DEV_DSET, readAai, NULL, "S7plc", "INP", devIn,
     {"aai", 0, 0, plcHasL | plcHasW, NULL}, 0, adaptAai, prepareAai, DEV_READS};
 const devSupport devS7plcAao = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
     {"aao", 0, 0, plcHasL | plcHasR | plcHasW, NULL}, 0, adaptAao, prepareAao,
-    writeAao, followAao, NULL, NULL};
+    writeAao, followAao, NULL, NULL, NULL};
 /* clang-format on */
 
 epicsExportAddress(dset, devS7plcWaveform);

@@ -382,32 +382,32 @@ static void followLso(dbCommon *common, const devRecord *dev, const epicsUInt8 *
 /* clang-format off */
 const devSupport devS7plcAo = {DEV_DSET, devWrite, linconvAo, "S7plc", "OUT", devOut,
     {"ao", ANALOG, 4, plcHasL | plcHasH | plcHasR | plcHasW, "INT16"}, 2, NULL, prepareAo,
-    writeAo, followAo, NULL, NULL};
+    writeAo, followAo, NULL, NULL, NULL};
 const devSupport devS7plcCalcout = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
     {"calcout", ANALOG, 4, plcHasL | plcHasH | plcHasR | plcHasW, "INT16"}, 0, NULL, NULL,
-    writeCalcout, followCalcout, delaysCalcout, NULL};
+    writeCalcout, followCalcout, delaysCalcout, NULL, NULL};
 const devSupport devS7plcBo = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
     {"bo", plcInteger, 8, plcHasB | plcHasR | plcHasW, "INT16"}, 2, NULL, prepareBo,
-    writeBo, followBo, NULL, pulseBo};
+    writeBo, followBo, NULL, pulseBo, NULL};
 const devSupport devS7plcMbbo = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
     {"mbbo", plcInteger, 4, plcHasR | plcHasW, "INT16"}, 2, NULL, prepareMbbo,
-    writeMbbo, followMbbo, NULL, NULL};
+    writeMbbo, followMbbo, NULL, NULL, NULL};
 const devSupport devS7plcMbboDirect = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
     {"mbboDirect", plcInteger, 4, plcHasR | plcHasW, "INT16"}, 2, NULL, prepareMbboDirect,
-    writeMbboDirect, followMbboDirect, NULL, NULL};
+    writeMbboDirect, followMbboDirect, NULL, NULL, NULL};
 const devSupport devS7plcLongout = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
     {"longout", plcInteger, 4, plcHasR | plcHasW, "INT16"}, 0, NULL, NULL,
-    writeLongout, followLongout, NULL, NULL};
+    writeLongout, followLongout, NULL, NULL, NULL};
 const devSupport devS7plcInt64out = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
     {"int64out", plcInteger, 8, plcHasR | plcHasW, "INT16"}, 0, NULL, NULL,
-    writeInt64out, followInt64out, NULL, NULL};
+    writeInt64out, followInt64out, NULL, NULL, NULL};
 const devSupport devS7plcStringout = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
     {"stringout", plcText, 1, plcHasL | plcHasR, "STRING"}, 0, adaptStringout,
     devPrepareString,
-    writeStringout, followStringout, NULL, NULL};
+    writeStringout, followStringout, NULL, NULL, NULL};
 const devSupport devS7plcLso = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
     {"lso", plcText, 1, plcHasL | plcHasR, "STRING"}, 0, adaptLso, devPrepareString,
-    writeLso, followLso, NULL, NULL};
+    writeLso, followLso, NULL, NULL, NULL};
 /* clang-format on */
 
 epicsExportAddress(dset, devS7plcAo);

@@ -17,6 +17,7 @@
 #include "drvS7plc.h"
 #include "plcComplete.h"
 #include "plcConfigure.h"
+#include "plcDriver.h"
 #include "plcOptions.h"
 #include "plcScan.h"
 #include "plcShow.h"
@@ -314,7 +315,7 @@ static const iocshFuncDef sendDef = {
 #endif
 };
 
-static void s7plcRegister(void)
+void plcDriverRegister(void)
 {
     iocshRegister(&configureDef, configureCall);
     iocshRegister(&optionDef, optionCall);
@@ -335,9 +336,12 @@ static void s7plcRegister(void)
 static void stop(void *arg)
 {
     (void)arg;
+    hooked = 0;
     plcStationsStop();
 }
 #endif
+
+static int hooked; /* an IOC that has ended has dropped its hooks */
 
 static void hook(initHookState state)
 {
@@ -350,16 +354,23 @@ static void hook(initHookState state)
         plcStationsRun();
 #ifdef HAVE_SHUTDOWN_HOOK
     } else if (state == initHookAtShutdown) {
+        hooked = 0;
         plcStationsStop();
 #endif
     }
 }
 
-/* Called by iocInit before records are initialised: PLCs connect meanwhile. */
+void plcDriverInit(void)
+{
+    if (!hooked)
+        initHookRegister(hook);
+    hooked = 1;
+    plcStationsStart();
+}
+
 static long init(void)
 {
-    initHookRegister(hook); /* each IOC anew: an ended one has dropped its hooks */
-    plcStationsStart();
+    plcDriverInit();
     return 0;
 }
 
@@ -376,4 +387,9 @@ static drvet s7plc = {2, (DRVSUPFUN)report, (DRVSUPFUN)init};
 
 epicsExportAddress(drvet, s7plc);
 epicsExportAddress(int, s7plcDebug);
+
+static void s7plcRegister(void)
+{
+    plcDriverRegister();
+}
 epicsExportRegistrar(s7plcRegister);

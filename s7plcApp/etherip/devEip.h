@@ -1,0 +1,94 @@
+/* What the files of the device support "EtherIP" share: from the link to a tag's place, and
+ * between place and record. Private to devEip*.c.
+ *
+ * All functions run with the record locked and block no longer than a copy takes.
+ */
+#ifndef INC_devEip_H
+#define INC_devEip_H
+
+#include "devS7plc.h"
+#include "eipLink.h"
+#include "eipPlc.h"
+
+/* What a record is kept for, beside its devRecord. */
+typedef struct devEip {
+    eipPlc *plc;
+    eipPlace *place;      /* NULL: a statistic */
+    unsigned period;      /* ms */
+    size_t at;            /* of the place in both images, bytes */
+    size_t room;          /* of the place, bytes */
+    epicsUInt32 elements; /* of an array */
+    unsigned shift;       /* of the bits that are the record's own; all: dev->mask is 0 */
+    int force;            /* the PLC's value is written over, not followed, */
+    int forced;           /* once the record has a value of its own */
+    eipStatistic statistic;
+} devEip;
+
+static inline devEip *eipOf(const devRecord *dev)
+{
+    return (devEip *)dev->own;
+}
+
+/* --- From the link to a place: functions for `resolve` of a row --------------------------- */
+
+/* A number, or some of its bits. */
+int devEipNumber(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *error);
+/* One bit; NOBT bits: without B= an index counts bits of DINTs. */
+int devEipBit(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *error);
+int devEipBits(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *error);
+/* A string, an array. */
+int devEipText(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *error);
+int devEipArray(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *error);
+
+/* --- Between place and record --------------------------------------------------------------- */
+
+/* The number of the place, its own bits only. Returns 0, or -1 with an alarm. */
+long devEipFetch(dbCommon *prec, eipNumber *number);
+
+/* The whole place into `bytes` (room bytes), its head too. Returns as devEipFetch. */
+long devEipFetchPlace(dbCommon *prec, epicsUInt8 *bytes);
+
+/* Writes a number: whole, or its bits. Returns as devStore. */
+long devEipStore(dbCommon *prec, const eipNumber *number);
+
+/* Writes a text / an array of `count` elements of this kind and size, in the byte order of
+ * the machine. */
+long devEipStoreText(dbCommon *prec, const char *text, size_t length);
+long devEipStoreArray(dbCommon *prec, const void *array, eipKind kind, unsigned size,
+                      size_t count);
+
+/* The value cannot be written, for this reason. Returns -1. */
+long devEipRefuse(dbCommon *prec, const char *format, const char *what);
+
+/* The type of the tag as it was read last, NULL: not known. */
+const eipType *devEipType(const devRecord *dev);
+
+/* What the 8 bytes of a cell mean for an output that follows. */
+void devEipShown(const devRecord *dev, const epicsUInt8 *bytes, eipNumber *number);
+
+/* The transfer of all outputs: devWrite, or with FORCE the value again. */
+long devEipWrite(dbCommon *prec);
+
+/* An integer from a number: a real one is rounded, what does not fit is cut. */
+epicsInt64 devEipInteger(const eipNumber *number);
+
+static inline eipNumber devEipSigned(epicsInt64 value)
+{
+    eipNumber number = {eipSigned, {0}};
+
+    number.u.integer = value;
+    return number;
+}
+
+static inline eipNumber devEipReal(double value)
+{
+    eipNumber number = {eipReal, {0}};
+
+    number.u.real = value;
+    return number;
+}
+
+/* The value of a statistic (devEip.statistic). Returns 0, or -1: there is none yet. */
+int devEipStatistic(const devRecord *dev, double *value);
+
+#endif /* INC_devEip_H */

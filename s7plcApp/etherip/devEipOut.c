@@ -1,0 +1,355 @@
+/* Device support "EtherIP": the output records. One adapter and one row per record type; the
+ * way from the value to the tag is in devEip.c.
+ *
+ * No init touches VAL (autosave has set it): the first value comes from the PLC.
+ */
+#include <math.h>
+#include <string.h>
+
+#include <aaoRecord.h>
+#include <alarm.h>
+#include <aoRecord.h>
+#include <boRecord.h>
+#include <calcoutRecord.h>
+#include <cvtTable.h>
+#include <int64outRecord.h>
+#include <longoutRecord.h>
+#include <lsoRecord.h>
+#include <mbboDirectRecord.h>
+#include <mbboRecord.h>
+#include <menuConvert.h>
+#include <menuFtype.h>
+#include <menuIvoa.h>
+#include <stringoutRecord.h>
+
+#include "devEip.h"
+
+#include <epicsExport.h> /* last */
+
+/* --- ao and calcout ------------------------------------------------------------------------------ */
+
+/* Real tags get the value as it is; integers what the record has made of it, but a value beyond
+ * RVAL that is not converted leaves as it is, rounded. */
+static long writeAo(dbCommon *common)
+{
+    aoRecord *prec = (aoRecord *)common;
+    devRecord *dev = devOf(common);
+    const eipType *type;
+    eipNumber number;
+    int plain = prec->linr == menuConvertNO_CONVERSION && prec->roff == 0 &&
+                prec->aoff == 0.0 && (prec->aslo == 0.0 || prec->aslo == 1.0);
+
+    if (!dev)
+        return -1;
+    type = devEipType(dev);
+    if ((type && type->kind == eipReal) || plain)
+        number = devEipReal(prec->oval);
+    else
+        number = devEipSigned(prec->rval);
+    if (dev->mask)
+        number = devEipSigned(devEipInteger(&number));
+    return devEipStore(common, &number);
+}
+
+static void followAo(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
+{
+    aoRecord *prec = (aoRecord *)common;
+    eipNumber number;
+    double value;
+
+    devEipShown(dev, bytes, &number);
+    value = eipNumberReal(&number);
+    if (number.kind != eipReal) {
+        prec->rval = (epicsInt32)number.u.integer;
+        value += prec->roff;
+        if (prec->aslo != 0.0)
+            value *= prec->aslo;
+        value += prec->aoff;
+        if (prec->linr == menuConvertLINEAR || prec->linr == menuConvertSLOPE)
+            value = value * prec->eslo + prec->eoff;
+        else if (prec->linr != menuConvertNO_CONVERSION)
+            cvtRawToEngBpt(&value, prec->linr, prec->init, (void *)&prec->pbrk, &prec->lbrk);
+    }
+    prec->val = prec->oval = prec->pval = value;
+}
+
+static long writeCalcout(dbCommon *common)
+{
+    eipNumber number = devEipReal(((calcoutRecord *)common)->oval);
+
+    return devEipStore(common, &number);
+}
+
+/* A write will come at the end of the delay. */
+static int delaysCalcout(const dbCommon *common)
+{
+    const calcoutRecord *prec = (const calcoutRecord *)common;
+
+    return prec->dlya && (prec->nsev < INVALID_ALARM ||
+                          prec->ivoa != menuIvoaDon_t_drive_outputs);
+}
+
+/* calcout has no value of its own to set: OVAL shows the PLC's until the next calculation. */
+static void followCalcout(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
+{
+    eipNumber number;
+
+    devEipShown(dev, bytes, &number);
+    ((calcoutRecord *)common)->oval = eipNumberReal(&number);
+}
+
+/* --- Bits ---------------------------------------------------------------------------------------- */
+
+/* Without bits in its link a bo writes 0 or 1. */
+static long writeBo(dbCommon *common)
+{
+    eipNumber number = devEipSigned(((boRecord *)common)->rval != 0);
+
+    return devEipStore(common, &number);
+}
+
+static int resolveBo(dbCommon *common, devRecord *dev, const char *text, plcLinkError *error)
+{
+    ((boRecord *)common)->mask = 1;
+    return devEipBit(common, dev, text, error);
+}
+
+static void followBo(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
+{
+    boRecord *prec = (boRecord *)common;
+    eipNumber number;
+
+    devEipShown(dev, bytes, &number);
+    prec->rval = prec->val = eipNumberReal(&number) != 0;
+}
+
+static double *pulseBo(dbCommon *common)
+{
+    return &((boRecord *)common)->high;
+}
+
+static long writeMbbo(dbCommon *common)
+{
+    eipNumber number = devEipSigned(((mbboRecord *)common)->rval);
+
+    return devEipStore(common, &number);
+}
+
+/* The state whose value this is; without states the number itself. */
+static void followMbbo(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
+{
+    mbboRecord *prec = (mbboRecord *)common;
+    const epicsUInt32 *states = &prec->zrvl;
+    eipNumber number;
+    int i;
+
+    devEipShown(dev, bytes, &number);
+    prec->rval = (epicsUInt32)devEipInteger(&number);
+    if (!prec->sdef) {
+        prec->val = (epicsEnum16)prec->rval;
+        return;
+    }
+    prec->val = 65535; /* unknown state */
+    for (i = 0; i < 16; i++)
+        if (states[i] == prec->rval) {
+            prec->val = (epicsEnum16)i;
+            return;
+        }
+}
+
+static long writeMbboDirect(dbCommon *common)
+{
+    eipNumber number = devEipSigned(((mbboDirectRecord *)common)->rval);
+
+    return devEipStore(common, &number);
+}
+
+static void followMbboDirect(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
+{
+    mbboDirectRecord *prec = (mbboDirectRecord *)common;
+    epicsUInt8 *bit = &prec->b0;
+    unsigned bits = (unsigned)sizeof(prec->val) * 8, i;
+    eipNumber number;
+
+    devEipShown(dev, bytes, &number);
+    prec->rval = (epicsUInt32)devEipInteger(&number);
+    prec->val = (epicsInt32)prec->rval;
+    for (i = 0; i < bits; i++)
+        bit[i] = prec->val >> i & 1;
+}
+
+/* --- Integers ------------------------------------------------------------------------------------ */
+
+static long writeLongout(dbCommon *common)
+{
+    eipNumber number = devEipSigned(((longoutRecord *)common)->val);
+
+    return devEipStore(common, &number);
+}
+
+static void followLongout(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
+{
+    eipNumber number;
+
+    devEipShown(dev, bytes, &number);
+    ((longoutRecord *)common)->val = (epicsInt32)devEipInteger(&number);
+}
+
+/* A ULINT above 2^63 is negative here. */
+static long writeInt64out(dbCommon *common)
+{
+    devRecord *dev = devOf(common);
+    const eipType *type = dev ? devEipType(dev) : NULL;
+    eipNumber number = devEipSigned(((int64outRecord *)common)->val);
+
+    if (type && type->kind == eipUnsigned && type->size == 8)
+        number.kind = eipUnsigned;
+    return devEipStore(common, &number);
+}
+
+static void followInt64out(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
+{
+    eipNumber number;
+
+    devEipShown(dev, bytes, &number);
+    ((int64outRecord *)common)->val = devEipInteger(&number);
+}
+
+/* --- Strings: the bytes begin with the length --------------------------------------------------- */
+
+static long writeText(dbCommon *common, const char *text, size_t size)
+{
+    const char *nul = memchr(text, 0, size);
+
+    return devEipStoreText(common, text, nul ? (size_t)(nul - text) : size);
+}
+
+static size_t followText(char *text, size_t size, const devRecord *dev, const epicsUInt8 *bytes)
+{
+    size_t n = (size_t)eipGetUnsigned(bytes, 4);
+
+    if (n > dev->length - 4)
+        n = dev->length - 4;
+    if (n > size - 1)
+        n = size - 1;
+    memcpy(text, bytes + 4, n);
+    text[n] = 0;
+    return n;
+}
+
+static long writeStringout(dbCommon *common)
+{
+    stringoutRecord *prec = (stringoutRecord *)common;
+
+    return writeText(common, prec->val, sizeof(prec->val));
+}
+
+static void followStringout(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
+{
+    stringoutRecord *prec = (stringoutRecord *)common;
+
+    followText(prec->val, sizeof(prec->val), dev, bytes);
+}
+
+static long writeLso(dbCommon *common)
+{
+    lsoRecord *prec = (lsoRecord *)common;
+
+    return writeText(common, prec->val, prec->sizv);
+}
+
+static void followLso(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
+{
+    lsoRecord *prec = (lsoRecord *)common;
+
+    prec->len = (epicsUInt32)followText(prec->val, prec->sizv, dev, bytes) + 1;
+}
+
+/* --- aao ----------------------------------------------------------------------------------------- */
+
+static const struct {
+    eipKind kind;
+    unsigned size;
+} elements[] = {
+    [menuFtypeCHAR] = {eipSigned, 1},   [menuFtypeUCHAR] = {eipUnsigned, 1},
+    [menuFtypeSHORT] = {eipSigned, 2},  [menuFtypeUSHORT] = {eipUnsigned, 2},
+    [menuFtypeLONG] = {eipSigned, 4},   [menuFtypeULONG] = {eipUnsigned, 4},
+    [menuFtypeINT64] = {eipSigned, 8},  [menuFtypeUINT64] = {eipUnsigned, 8},
+    [menuFtypeFLOAT] = {eipReal, 4},    [menuFtypeDOUBLE] = {eipReal, 8},
+    [menuFtypeENUM] = {eipUnsigned, 2},
+};
+
+/* The NORD elements of the last put. */
+static long writeAao(dbCommon *common)
+{
+    aaoRecord *prec = (aaoRecord *)common;
+
+    return devEipStoreArray(common, prec->bptr, elements[prec->ftvl].kind,
+                            elements[prec->ftvl].size, prec->nord);
+}
+
+/* The bytes begin with kind and size of an element, then their number. */
+static void followAao(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
+{
+    aaoRecord *prec = (aaoRecord *)common;
+    eipType from = {"", 0, (eipKind)bytes[0], bytes[1]};
+    eipKind kind = elements[prec->ftvl].kind;
+    unsigned size = elements[prec->ftvl].size;
+    size_t n = (size_t)eipGetUnsigned(bytes + 2, 4), i;
+    eipType to = {"", 0, kind, size};
+
+    if (!from.size || from.size > 8 || n > prec->nelm || n * from.size > dev->length - 6)
+        return;
+    for (i = 0; i < n; i++) {
+        epicsUInt8 raw[8] = {0};
+        eipNumber number;
+
+        eipNumberGet(&from, bytes + 6 + i * from.size, &number);
+        eipNumberPut(&to, raw, &number);
+        plcCopyElements((epicsUInt8 *)prec->bptr + i * size, raw, size, 1, plcLittleEndian);
+    }
+    prec->nord = (epicsUInt32)n;
+}
+
+static int resolveAao(dbCommon *common, devRecord *dev, const char *text, plcLinkError *error)
+{
+    if (((aaoRecord *)common)->ftvl == menuFtypeSTRING)
+        return devFail(error, 0, "FTVL=STRING is not possible; allowed: numbers");
+    return devEipArray(common, dev, text, error);
+}
+
+/* --- The rows ------------------------------------------------------------------------------------ */
+
+#define OUTPUT(type, status, find, puts, takes, ...)                                       \
+    {                                                                                      \
+        .common = DEV_DSET, .transfer = devEipWrite, .dtyp = "EtherIP", .field = "OUT",    \
+        .direction = devOut, .shape = {type, 0, 0, 0, NULL}, .initStatus = status,         \
+        .write = puts, .follow = takes, .resolve = find, __VA_ARGS__                       \
+    }
+
+const devSupport devEipAo = OUTPUT("ao", 2, devEipNumber, writeAo, followAo, .pulse = NULL);
+const devSupport devEipCalcout =
+    OUTPUT("calcout", 0, devEipNumber, writeCalcout, followCalcout, .delays = delaysCalcout);
+const devSupport devEipBo = OUTPUT("bo", 2, resolveBo, writeBo, followBo, .pulse = pulseBo);
+const devSupport devEipMbbo = OUTPUT("mbbo", 2, devEipBits, writeMbbo, followMbbo, .pulse = NULL);
+const devSupport devEipMbboDirect =
+    OUTPUT("mbboDirect", 2, devEipBits, writeMbboDirect, followMbboDirect, .pulse = NULL);
+const devSupport devEipLongout =
+    OUTPUT("longout", 0, devEipNumber, writeLongout, followLongout, .pulse = NULL);
+const devSupport devEipInt64out =
+    OUTPUT("int64out", 0, devEipNumber, writeInt64out, followInt64out, .pulse = NULL);
+const devSupport devEipStringout =
+    OUTPUT("stringout", 0, devEipText, writeStringout, followStringout, .pulse = NULL);
+const devSupport devEipLso = OUTPUT("lso", 0, devEipText, writeLso, followLso, .pulse = NULL);
+const devSupport devEipAao = OUTPUT("aao", 0, resolveAao, writeAao, followAao, .pulse = NULL);
+
+epicsExportAddress(dset, devEipAo);
+epicsExportAddress(dset, devEipCalcout);
+epicsExportAddress(dset, devEipBo);
+epicsExportAddress(dset, devEipMbbo);
+epicsExportAddress(dset, devEipMbboDirect);
+epicsExportAddress(dset, devEipLongout);
+epicsExportAddress(dset, devEipInt64out);
+epicsExportAddress(dset, devEipStringout);
+epicsExportAddress(dset, devEipLso);
+epicsExportAddress(dset, devEipAao);

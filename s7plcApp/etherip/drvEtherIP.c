@@ -1,0 +1,530 @@
+/* The face of the driver for EtherNet/IP towards EPICS: driver entry, iocsh commands, and the C
+ * functions of drvEtherIP.h. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <drvSup.h>
+#include <epicsStdio.h>
+#include <epicsStdlib.h>
+#include <epicsString.h>
+#include <errlog.h>
+#include <iocsh.h>
+
+#include "drvEtherIP.h"
+#include "eipClient.h"
+#include "eipPlc.h"
+#include "plcComplete.h"
+#include "plcConfigure.h"
+#include "plcDriver.h"
+
+#include <epicsExport.h>
+
+enum {
+    imageSize = 65536,
+    imageSizeMax = 16 << 20,
+    defaultTimeout = 2000 /* ms */
+};
+
+double drvEtherIP_default_rate = 0;
+int EIP_verbosity = 4;
+double EIP_timeout = 0;
+unsigned EIP_buffer_limit = 0;
+unsigned EIP_image_size = imageSize;
+
+static double timeoutMs(void)
+{
+    return EIP_timeout >= 10 && EIP_timeout <= 60000 ? EIP_timeout : defaultTimeout;
+}
+
+static eipPlcSetup setupOf(void)
+{
+    eipPlcSetup setup = {.imageSize = EIP_image_size,
+                         .room = eipUnconnectedRoom,
+                         .size = eipSizeLarge,
+                         .connected = 1};
+
+    if (EIP_buffer_limit && EIP_buffer_limit < setup.room)
+        setup.room = EIP_buffer_limit < 100 ? 100 : EIP_buffer_limit;
+    return setup;
+}
+
+static void setTimeouts(eipPlc *plc)
+{
+    char text[40], error[200];
+
+    epicsSnprintf(text, sizeof(text), "%g", timeoutMs());
+    if (plcStationSetOption(plc->station, "requestTimeout", text, error, sizeof(error)))
+        errlogSevPrintf(errlogMajor, "EtherIP %s: %s\n", plc->name, error);
+}
+
+/* --- Definition ------------------------------------------------------------------------------- */
+
+/* "slot" or a route with commas. Returns 0, or -1 after the error line. */
+static int routeOf(const char *command, const char *name, const char *text, eipRoute *route)
+{
+    char whole[100], error[200];
+
+    if (strchr(text, ',') || strcmp(text, "-1") == 0)
+        epicsSnprintf(whole, sizeof(whole), "%s", text);
+    else
+        epicsSnprintf(whole, sizeof(whole), "1,%s", text);
+    if (strlen(text) < 90 && eipRouteParse(whole, route, error, sizeof(error)) == 0)
+        return 0;
+    plcConfigureRefuse(command, name, "slot \"%.60s\"; allowed: 0 to 255, -1 (the address is "
+                       "that of the controller), or a route as 1,6,18,10.0.0.4,1,0", text);
+    return -1;
+}
+
+/* One word of etheripConfigure's options. Returns 0, or -1 after the error line. */
+static int setupWord(const char *command, const char *name, const char *word,
+                     eipPlcSetup *setup)
+{
+    epicsUInt32 number;
+
+    if (sscanf(word, "image=%u", &number) == 1 && number >= 64 && number <= imageSizeMax)
+        setup->imageSize = number;
+    else if (strcmp(word, "connected=no") == 0)
+        setup->connected = 0;
+    else if (strcmp(word, "connected=auto") == 0)
+        setup->connected = 1;
+    else if (sscanf(word, "size=%u", &number) == 1 && number >= 100 && number <= 65535)
+        setup->size = number;
+    else if (sscanf(word, "buffer=%u", &number) == 1 && number >= 100 && number <= 1400)
+        setup->room = number;
+    else {
+        plcConfigureRefuse(command, name, "option \"%.40s\"; allowed: image=64 to 16777216, "
+                           "size=100 to 65535 (bytes of a connection), buffer=100 to 1400 "
+                           "(bytes of a message without one), connected=auto or no", word);
+        return -1;
+    }
+    return 0;
+}
+
+static int setupWords(const char *command, const char *name, const char *text,
+                      eipPlcSetup *setup)
+{
+    char *copy = epicsStrDup(text), *save = NULL, *word;
+    int status = 0;
+
+    for (word = epicsStrtok_r(copy, " \t", &save); word && !status;
+         word = epicsStrtok_r(NULL, " \t", &save))
+        status = setupWord(command, name, word, setup);
+    free(copy);
+    return status;
+}
+
+static int define(const char *command, const char *name, const char *ip, const char *slot,
+                  const char *options)
+{
+    eipPlcSetup setup = setupOf();
+    eipPlc *plc;
+
+    if (routeOf(command, name, slot ? slot : "0", &setup.route) ||
+        (options && setupWords(command, name, options, &setup)))
+        return -1;
+    plc = eipPlcCreate(command, name, ip, &setup);
+    if (!plc)
+        return -1;
+    setTimeouts(plc);
+    return 0;
+}
+
+/* A PLC that is there already gets another address. */
+static int redefine(const char *command, eipPlc *plc, const char *ip, const char *slot)
+{
+    char error[200];
+
+    if (routeOf(command, plc->name, slot ? slot : "0", &plc->connect.route))
+        return -1;
+    eipWorkerSetConnect(plc->worker, &plc->connect);
+    if (plcStationMove(plc->station, ip ? ip : "", error, sizeof(error))) {
+        plcConfigureRefuse(command, plc->name, "%s", error);
+        return -1;
+    }
+    errlogSevPrintf(errlogInfo, "%s %s: it is there already; its address is %s now\n", command,
+                    plc->name, ip);
+    return 0;
+}
+
+static int defineText(const char *name, const char *ip, const char *slot)
+{
+    static const char command[] = "drvEtherIP_define_PLC";
+    eipPlc *plc = name ? eipPlcFind(name) : NULL;
+
+    return plc ? redefine(command, plc, ip, slot) : define(command, name, ip, slot, NULL);
+}
+
+int drvEtherIP_define_PLC(const char *PLC, const char *ip, int slot)
+{
+    char text[20];
+
+    epicsSnprintf(text, sizeof(text), "%d", slot);
+    return defineText(PLC, ip, text);
+}
+
+void drvEtherIP_init(void)
+{
+}
+
+/* --- Reports ---------------------------------------------------------------------------------- */
+
+static void reportPlc(eipPlc *plc, void *arg)
+{
+    plcStationReport(plc->station, stdout, *(int *)arg);
+}
+
+void drvEtherIP_report(int level)
+{
+    eipPlcEach(reportPlc, &level);
+}
+
+static void dumpTag(const eipTag *tag, void *arg)
+{
+    const eipType *type = eipTypeOf(tag->code);
+
+    (void)arg;
+    printf("  %-40s ", tag->base);
+    if (tag->state == eipTagKnown)
+        printf("%s, %u bytes, every %g s", type ? type->name : "?", tag->size,
+               tag->period / 1000.0);
+    else
+        printf("%s", tag->state == eipTagBad ? tag->reason : "not asked for yet");
+    if (tag->instance)
+        printf(", instance %u", tag->instance);
+    printf("\n");
+}
+
+static void dumpPlc(eipPlc *plc, void *arg)
+{
+    (void)arg;
+    printf("%s:\n", plc->name);
+    eipWorkerEachTag(plc->worker, dumpTag, NULL);
+}
+
+void drvEtherIP_dump(void)
+{
+    eipPlcEach(dumpPlc, NULL);
+}
+
+static void resetPlc(eipPlc *plc, void *arg)
+{
+    (void)arg;
+    eipWorkerTimesReset(plc->worker);
+    plcStationStatsReset(plc->station);
+}
+
+void drvEtherIP_reset_statistics(void)
+{
+    eipPlcEach(resetPlc, NULL);
+}
+
+static void restartPlc(eipPlc *plc, void *arg)
+{
+    char address[300], error[200];
+
+    (void)arg;
+    plcStationAddress(plc->station, address, sizeof(address));
+    plcStationMove(plc->station, address, error, sizeof(error));
+}
+
+void drvEtherIP_restart(void)
+{
+    eipPlcEach(restartPlc, NULL);
+}
+
+void drvEtherIP_help(void)
+{
+    printf("drvEtherIP_define_PLC PLC, ip[:port], slot     makes a PLC; slot -1: none\n"
+           "etheripConfigure PLC, ip[:port], slot or route, options\n"
+           "drvEtherIP_default_rate seconds                for links without a period\n"
+           "EIP_timeout ms, EIP_buffer_limit bytes         for PLCs defined from then on\n"
+           "drvEtherIP_report level, drvEtherIP_dump       PLCs, tags\n"
+           "drvEtherIP_list [PLC, pattern]                 tags of the controllers\n"
+           "drvEtherIP_describe [PLC,] type                members of a structure\n"
+           "drvEtherIP_read_tag ip, slot, tag, elements, timeout\n"
+           "drvEtherIP_reset_statistics, drvEtherIP_restart\n");
+}
+
+/* --- Questions with a connection of their own ------------------------------------------------- */
+
+static int complain(const char *name, const char *why)
+{
+    errlogSevPrintf(errlogMajor, "EtherIP %s: %s\n", name, why);
+    return -1;
+}
+
+/* What is to be asked. */
+typedef struct question {
+    const char *plc, *pattern;
+    int type, status;
+} question;
+
+static int askPlc(eipPlc *plc, const question *q)
+{
+    eipClient *c = eipClientCreate(&plc->connect, (unsigned)timeoutMs());
+    char address[300];
+    int status;
+
+    if (!c)
+        return complain(plc->name, "no memory");
+    plcStationAddress(plc->station, address, sizeof(address));
+    printf("%s:\n", plc->name);
+    status = eipClientOpen(c, address);
+    if (!status)
+        status = q->type >= 0 ? eipClientPrintTemplate(c, (unsigned)q->type, stdout)
+                              : eipClientPrintList(c, q->pattern, stdout);
+    if (status)
+        complain(plc->name, c->why);
+    eipClientDestroy(c);
+    return status;
+}
+
+static void askEach(eipPlc *plc, void *arg)
+{
+    question *q = arg;
+
+    if (q->plc && *q->plc && strcmp(q->plc, plc->name))
+        return;
+    q->status |= askPlc(plc, q);
+}
+
+int drvEtherIP_list(const char *PLC, const char *pattern)
+{
+    question q = {PLC, pattern, -1, 0};
+
+    eipPlcEach(askEach, &q);
+    return q.status;
+}
+
+int drvEtherIP_describe(const char *PLC, int type)
+{
+    question q = {PLC, NULL, type, 0};
+
+    eipPlcEach(askEach, &q);
+    return q.status;
+}
+
+int drvEtherIP_read_tag(const char *ip, int slot, const char *tag, int elements, int timeout)
+{
+    eipConnectOptions options = {.size = eipSizeLarge, .room = eipUnconnectedRoom,
+                                 .connected = 1};
+    char text[20];
+    eipClient *c;
+    eipValue value = {.bytes = NULL};
+    int status;
+
+    epicsSnprintf(text, sizeof(text), "%d", slot);
+    if (!ip || !tag)
+        return complain("drvEtherIP_read_tag", "needs ip, slot, tag [, elements, timeout ms]");
+    if (routeOf("drvEtherIP_read_tag", ip, text, &options.route))
+        return -1;
+    options.timeout = timeout > 0 ? (unsigned)timeout : (unsigned)timeoutMs();
+    c = eipClientCreate(&options, options.timeout);
+    if (!c)
+        return complain(ip, "no memory");
+    status = eipValueInit(c, &value, tag);
+    if (!status)
+        status = eipClientOpen(c, ip);
+    if (!status)
+        status = eipClientRead(c, &value, elements > 0 ? (unsigned)elements : 1);
+    if (status) {
+        complain(tag, c->why);
+    } else {
+        printf("%s=", tag);
+        eipValuePrint(&value, stdout);
+        printf("\n");
+    }
+    eipValueFree(&value);
+    eipClientDestroy(c);
+    return status;
+}
+
+/* --- iocsh ------------------------------------------------------------------------------------ */
+
+static const iocshArg newArg = {"PLC", iocshArgString};
+static const iocshArg plcArg = {"PLC", PLC_ARG_STATION};
+static const iocshArg ipArg = {"ip[:port]", iocshArgString};
+static const iocshArg slotArg = {"slot [0]", iocshArgString};
+static const iocshArg routeArg = {"slot or route [0]", iocshArgString};
+static const iocshArg optionsArg = {"options", iocshArgString};
+static const iocshArg secondsArg = {"seconds", iocshArgDouble};
+static const iocshArg msArg = {"ms", iocshArgInt};
+static const iocshArg bytesArg = {"bytes", iocshArgInt};
+static const iocshArg levelArg = {"level", iocshArgInt};
+static const iocshArg patternArg = {"pattern", iocshArgString};
+static const iocshArg typeArg = {"type", iocshArgString};
+static const iocshArg numberArg = {"slot", iocshArgInt};
+static const iocshArg tagArg = {"tag", iocshArgString};
+static const iocshArg elementsArg = {"elements", iocshArgInt};
+
+static const iocshArg *const defineArgs[] = {&newArg, &ipArg, &slotArg};
+static const iocshArg *const configureArgs[] = {&newArg, &ipArg, &routeArg, &optionsArg};
+static const iocshArg *const rateArgs[] = {&secondsArg};
+static const iocshArg *const msArgs[] = {&msArg};
+static const iocshArg *const bytesArgs[] = {&bytesArg};
+static const iocshArg *const levelArgs[] = {&levelArg};
+static const iocshArg *const listArgs[] = {&plcArg, &patternArg};
+static const iocshArg *const describeArgs[] = {&plcArg, &typeArg};
+static const iocshArg *const readArgs[] = {&ipArg, &numberArg, &tagArg, &elementsArg, &msArg};
+
+static void initCall(const iocshArgBuf *args)
+{
+    (void)args;
+    drvEtherIP_init();
+}
+
+static void defineCall(const iocshArgBuf *args)
+{
+    defineText(args[0].sval, args[1].sval, args[2].sval);
+}
+
+static void configureCall(const iocshArgBuf *args)
+{
+    define("etheripConfigure", args[0].sval, args[1].sval, args[2].sval, args[3].sval);
+}
+
+static void rateCall(const iocshArgBuf *args)
+{
+    drvEtherIP_default_rate = args[0].dval > 0 ? args[0].dval : 0;
+}
+
+static void verbosityCall(const iocshArgBuf *args)
+{
+    EIP_verbosity = args[0].ival;
+}
+
+static void timeoutCall(const iocshArgBuf *args)
+{
+    EIP_timeout = args[0].ival;
+}
+
+static void limitCall(const iocshArgBuf *args)
+{
+    EIP_buffer_limit = args[0].ival > 0 ? (unsigned)args[0].ival : 0;
+}
+
+static void imageCall(const iocshArgBuf *args)
+{
+    if (args[0].ival >= 64 && args[0].ival <= imageSizeMax)
+        EIP_image_size = (unsigned)args[0].ival;
+    else
+        complain("drvEtherIP_image_size", "allowed: 64 to 16777216 bytes");
+}
+
+static void reportCall(const iocshArgBuf *args)
+{
+    drvEtherIP_report(args[0].ival);
+}
+
+static void dumpCall(const iocshArgBuf *args)
+{
+    (void)args;
+    drvEtherIP_dump();
+}
+
+static void listCall(const iocshArgBuf *args)
+{
+    drvEtherIP_list(args[0].sval, args[1].sval);
+}
+
+/* As ether_ip has it, the type alone: of all PLCs. */
+static void describeCall(const iocshArgBuf *args)
+{
+    const char *text = args[1].sval ? args[1].sval : args[0].sval;
+    epicsInt32 type;
+
+    if (!text || epicsParseInt32(text, &type, 0, NULL) || type < 0 || type > 4095)
+        complain("drvEtherIP_describe", "needs [PLC,] type; allowed: 1 to 4095");
+    else
+        drvEtherIP_describe(args[1].sval ? args[0].sval : NULL, type);
+}
+
+static void resetCall(const iocshArgBuf *args)
+{
+    (void)args;
+    drvEtherIP_reset_statistics();
+}
+
+static void restartCall(const iocshArgBuf *args)
+{
+    (void)args;
+    drvEtherIP_restart();
+}
+
+static void helpCall(const iocshArgBuf *args)
+{
+    (void)args;
+    drvEtherIP_help();
+}
+
+static void readCall(const iocshArgBuf *args)
+{
+    drvEtherIP_read_tag(args[0].sval, args[1].ival, args[2].sval, args[3].ival, args[4].ival);
+}
+
+#ifdef IOCSHFUNCDEF_HAS_USAGE
+#define USAGE(text) , text
+#else
+#define USAGE(text)
+#endif
+
+static const struct {
+    iocshFuncDef def;
+    iocshCallFunc call;
+} commands[] = {
+    {{"drvEtherIP_init", 0, NULL USAGE("Kept for scripts; nothing needs it.\n")}, initCall},
+    {{"drvEtherIP_define_PLC", 3, defineArgs USAGE(
+        "Makes a PLC; slot -1: the address is that of the controller itself.\n"
+        "  drvEtherIP_define_PLC plc1, 160.91.232.217, 0\n")}, defineCall},
+    {{"etheripConfigure", 4, configureArgs USAGE(
+        "The same with a route and options: image=bytes size=bytes buffer=bytes connected=no\n"
+        "  etheripConfigure plc1, 10.0.0.4:44818, \"1,6,18,10.206.1.40,1,4\", image=262144\n")},
+     configureCall},
+    {{"drvEtherIP_default_rate", 1, rateArgs USAGE("Period of links without one.\n")}, rateCall},
+    {{"EIP_verbosity", 1, levelArgs USAGE("Kept for scripts; has no effect.\n")}, verbosityCall},
+    {{"EIP_timeout", 1, msArgs USAGE(
+        "Time for each answer, of PLCs defined from then on; option requestTimeout.\n")},
+     timeoutCall},
+    {{"EIP_buffer_limit", 1, bytesArgs USAGE(
+        "Bytes of a message without connection, of PLCs defined from then on.\n")}, limitCall},
+    {{"drvEtherIP_image_size", 1, bytesArgs USAGE(
+        "Bytes for the tags of a PLC, of PLCs defined from then on: 16 for each number.\n")},
+     imageCall},
+    {{"drvEtherIP_report", 1, levelArgs USAGE("PLCs, level 0 to 2.\n")}, reportCall},
+    {{"drvEtherIP_dump", 0, NULL USAGE("All tags that records use.\n")}, dumpCall},
+    {{"drvEtherIP_list", 2, listArgs USAGE("Tags of the controllers.\n")}, listCall},
+    {{"drvEtherIP_describe", 2, describeArgs USAGE("Members of a structure.\n")}, describeCall},
+    {{"drvEtherIP_reset_statistics", 0, NULL USAGE("Of all PLCs.\n")}, resetCall},
+    {{"drvEtherIP_restart", 0, NULL USAGE("Connects all PLCs anew.\n")}, restartCall},
+    {{"drvEtherIP_help", 0, NULL USAGE("Lists these commands.\n")}, helpCall},
+    {{"drvEtherIP_read_tag", 5, readArgs USAGE(
+        "Reads a tag, on a connection of its own.\n")}, readCall},
+};
+
+static void drvEtherIP_Register(void)
+{
+    size_t i;
+
+    plcDriverRegister();
+    for (i = 0; i < sizeof(commands) / sizeof(commands[0]); i++)
+        iocshRegister(&commands[i].def, commands[i].call);
+}
+epicsExportRegistrar(drvEtherIP_Register);
+
+/* --- Driver entry ----------------------------------------------------------------------------- */
+
+static long init(void)
+{
+    plcDriverInit();
+    return 0;
+}
+
+static long report(int level)
+{
+    drvEtherIP_report(level);
+    return 0;
+}
+
+static drvet drvEtherIP = {2, (DRVSUPFUN)report, (DRVSUPFUN)init};
+epicsExportAddress(drvet, drvEtherIP);

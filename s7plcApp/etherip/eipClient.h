@@ -1,0 +1,80 @@
+/* A session for people: reads a tag, lists tags, describes types, one after the other, on a
+ * connection of its own.
+ *
+ * It waits for the PLC: not for a thread of an IOC that has other duties. Functions return 0,
+ * or -1 with the reason in client->why.
+ */
+#ifndef INC_eipClient_H
+#define INC_eipClient_H
+
+#include <stdio.h>
+
+#include "eipConnect.h"
+#include "eipSocket.h"
+#include "eipTags.h"
+
+enum {
+    eipClientMessageMax = 65000,
+    eipClientValueMax = 1 << 20, /* bytes of one value */
+    eipClientNameMax = 2 * eipSymbolNameMax + 2
+};
+
+typedef struct eipClient {
+    eipSocket socket;
+    eipConnect connect;
+    unsigned timeout; /* ms, for each answer */
+    eipTemplates templates;
+    epicsUInt8 *frame, *message;
+    char why[200];
+} eipClient;
+
+/* NULL: no memory. */
+eipClient *eipClientCreate(const eipConnectOptions *connect, unsigned timeout);
+void eipClientDestroy(eipClient *c);
+
+/* `host` is host[:port]. */
+int eipClientOpen(eipClient *c, const char *host);
+void eipClientClose(eipClient *c);
+
+/* A message for eipClientAsk is put there. */
+eipWriter eipClientWriter(eipClient *c);
+int eipClientAsk(eipClient *c, eipWriter *w, eipAnswer *answer);
+
+/* The same; a status other than success is a reason, too. */
+int eipClientTell(eipClient *c, eipWriter *w);
+
+/* A value as it was read. */
+typedef struct eipValue {
+    eipName name;
+    eipData data; /* its bytes lie in `bytes` */
+    epicsUInt8 *bytes; /* of eipClientValueMax */
+} eipValue;
+
+int eipValueInit(eipClient *c, eipValue *value, const char *tag);
+void eipValueFree(eipValue *value);
+
+/* Puts path and service for it. */
+void eipValuePath(eipWriter *w, const eipName *name, int service);
+
+/* Reads `count` elements, in as many parts as it takes. */
+int eipClientRead(eipClient *c, eipValue *value, unsigned count);
+
+/* "1 2 3" or "\"text\"", without a line end. */
+void eipValuePrint(const eipValue *value, FILE *file);
+
+typedef void eipSymbolVisit(eipClient *c, const char *name, const eipSymbol *symbol, void *arg);
+
+/* All tags of the controller, and those of its programs with "Program:x." before them. */
+int eipClientList(eipClient *c, eipSymbolVisit *visit, void *arg);
+
+/* Prints those whose name matches the pattern (NULL: all), with their types. */
+int eipClientPrintList(eipClient *c, const char *pattern, FILE *file);
+
+/* The template of this id, from the PLC the first time; NULL: it has none. */
+const eipTemplate *eipClientTemplate(eipClient *c, unsigned id);
+
+/* Prints a template, or the type of a tag or member with that of its structure. */
+int eipClientPrintTemplate(eipClient *c, unsigned id, FILE *file);
+int eipClientDescribe(eipClient *c, const char *tag, FILE *file);
+
+#endif /* INC_eipClient_H */

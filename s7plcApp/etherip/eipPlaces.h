@@ -1,0 +1,35 @@
+/* The places of the tags of one PLC in its images: who wants the same of a tag shares a place.
+ *
+ * Knows wishes, no records and no stations. Any thread; none blocks.
+ */
+#ifndef INC_eipPlaces_H
+#define INC_eipPlaces_H
+
+#include "eipTags.h"
+
+typedef struct eipPlaces eipPlaces;
+typedef struct eipPlace eipPlace;
+
+/* In images of `size` bytes. */
+eipPlaces *eipPlacesCreate(size_t size);
+void eipPlacesDestroy(eipPlaces *places);
+
+/* A place for this wish (its tag is copied, its place and room are looked up; `room` is that
+ * of a text place, else it is known), read every `period` ms. The same wish has the same
+ * place for ever. Returns NULL when the images have no room left. */
+eipPlace *eipPlacesGet(eipPlaces *places, const eipWant *wish, unsigned period);
+
+/* No longer wanted, by one who got it with this period. */
+void eipPlacesLeave(eipPlaces *places, eipPlace *place, unsigned period);
+
+size_t eipPlaceOffset(const eipPlace *place); /* bytes */
+size_t eipPlaceRoom(const eipPlace *place);   /* bytes */
+
+/* Bytes of the images that are in use. */
+size_t eipPlacesUsed(eipPlaces *places);
+
+/* All that is wanted now, allocated, with its texts. Returns 1 when it is another set than
+ * the last time, or `always`; else 0. */
+int eipPlacesWants(eipPlaces *places, int always, eipWant **wants, unsigned *count);
+
+#endif /* INC_eipPlaces_H */

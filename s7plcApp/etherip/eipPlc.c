@@ -1,0 +1,236 @@
+/* A PLC of this wire, and EtherNet/IP as a transport; see eipPlc.h. */
+#include <ctype.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cantProceed.h>
+#include <dbDefs.h>
+#include <epicsMutex.h>
+#include <epicsStdio.h>
+#include <epicsThread.h>
+
+#include "eipPlc.h"
+#include "plcConfigure.h"
+#include "plcOptions.h"
+#include "plcStats.h"
+
+enum { relearnMs = 3000 };
+
+/* All of them; none ever leaves, but in unit tests. */
+static ELLLIST plcs = ELLLIST_INIT;
+static epicsMutexId lock;
+static epicsThreadOnceId once = EPICS_THREAD_ONCE_INIT;
+
+static void initOnce(void *arg)
+{
+    (void)arg;
+    lock = epicsMutexMustCreate();
+}
+
+static eipPlc *next(eipPlc *plc)
+{
+    ELLNODE *node;
+
+    epicsThreadOnce(&once, initOnce, NULL);
+    epicsMutexMustLock(lock);
+    node = plc ? ellNext(&plc->node) : ellFirst(&plcs);
+    epicsMutexUnlock(lock);
+    return node ? CONTAINER(node, eipPlc, node) : NULL;
+}
+
+eipPlc *eipPlcFind(const char *name)
+{
+    eipPlc *plc = NULL;
+
+    while ((plc = next(plc)))
+        if (strcmp(plc->name, name) == 0)
+            break;
+    return plc;
+}
+
+void eipPlcEach(void (*visit)(eipPlc *plc, void *arg), void *arg)
+{
+    eipPlc *plc = NULL;
+
+    while ((plc = next(plc)))
+        visit(plc, arg);
+}
+
+void eipPlcWantsChanged(eipPlc *plc)
+{
+    eipWant *wants;
+    unsigned count;
+
+    if (plc->begun && eipPlacesWants(plc->places, 0, &wants, &count))
+        eipWorkerWant(plc->worker, wants, count);
+}
+
+/* --- The transport ------------------------------------------------------------------------- */
+
+static void *create(const plcTransportSetup *setup, const void *own)
+{
+    eipPlc *plc = *(eipPlc *const *)own;
+
+    plc->worker = eipWorkerCreate(setup, &plc->connect);
+    return plc;
+}
+
+/* The station is gone for good (unit tests): so is the PLC. */
+static void destroy(void *pvt)
+{
+    eipPlc *plc = pvt;
+
+    epicsMutexMustLock(lock);
+    ellDelete(&plcs, &plc->node);
+    epicsMutexUnlock(lock);
+    if (plc->worker)
+        eipWorkerDestroy(plc->worker);
+    eipPlacesDestroy(plc->places);
+    free(plc);
+}
+
+static void begin(void *pvt)
+{
+    eipWorkerBegin(((eipPlc *)pvt)->worker);
+}
+
+static void end(void *pvt)
+{
+    eipWorkerEnd(((eipPlc *)pvt)->worker);
+}
+
+/* The worker need not ask anything, where nothing is wanted. */
+static double pauseOf(void *pvt, const plcOptions *o)
+{
+    (void)pvt, (void)o;
+    return 0;
+}
+
+static void options(void *pvt, const plcOptions *o)
+{
+    eipPlc *plc = pvt;
+    eipWorkerOptions chosen = {o->requestTimeout, relearnMs};
+
+    plc->connect.timeout = (unsigned)o->requestTimeout;
+    eipWorkerSetConnect(plc->worker, &plc->connect);
+    eipWorkerSetOptions(plc->worker, &chosen);
+}
+
+/* All records are there. */
+static void up(void *pvt, SOCKET socket, const epicsUInt8 *wholeIn, const epicsUInt8 *wholeOut)
+{
+    eipPlc *plc = pvt;
+
+    (void)wholeIn, (void)wholeOut; /* a worker that knows tags knows what is whole */
+    plc->begun = 1;
+    eipPlcWantsChanged(plc);
+    eipWorkerStart(plc->worker, socket);
+}
+
+static void down(void *pvt)
+{
+    eipWorkerStop(((eipPlc *)pvt)->worker);
+}
+
+static int news(void *pvt, plcNews *n, void *input, void *output)
+{
+    return eipWorkerTake(((eipPlc *)pvt)->worker, n, input, output);
+}
+
+static void put(void *pvt, const void *image, const void *mask)
+{
+    eipWorkerPut(((eipPlc *)pvt)->worker, image, mask);
+}
+
+static void report(void *pvt, const char *where, const char *state, const plcStats *st,
+                   FILE *file)
+{
+    eipPlc *plc = pvt;
+    eipWorkerState s;
+
+    eipWorkerStateGet(plc->worker, &s);
+    fprintf(file, "    EtherNet/IP %s: %s%s%s, %llu requests, %llu refused, %llu not answered, "
+            "latency [ms] %.3f (max %.3f)\n", where, state, s.connected ? ", " : "",
+            s.connected ? s.way : "", (unsigned long long)st->requests,
+            (unsigned long long)st->exceptions, (unsigned long long)st->requestTimeouts,
+            st->requestLatency, st->requestLatencyMax);
+    if (s.identity.known)
+        fprintf(file, "    %s, revision %u.%u, vendor %u, serial number %08X\n",
+                s.identity.name, s.identity.major, s.identity.minor, s.identity.vendor,
+                s.identity.serial);
+    fprintf(file, "    %u tags, %u known, %u refused, read in %u parts by %u requests; "
+            "%lu of %lu bytes in use; %llu turns late\n", s.tags, s.known, s.bad, s.units,
+            s.requests, (unsigned long)eipPlacesUsed(plc->places),
+            (unsigned long)plcStationInSize(plc->station), (unsigned long long)s.late);
+}
+
+const plcTransport eipTransport = {
+    .name = "EtherNet/IP",
+    .prefix = "EtherNet/IP ",
+    .create = create,
+    .destroy = destroy,
+    .begin = begin,
+    .end = end,
+    .pause = pauseOf,
+    .options = options,
+    .up = up,
+    .down = down,
+    .news = news,
+    .put = put,
+    .report = report,
+};
+
+/* --- Configuration -------------------------------------------------------------------------- */
+
+/* "host[:port]". Returns 0, or -1 after the error line. */
+static int splitHost(const char *command, const char *name, const char *text, char *host,
+                     size_t size, epicsInt32 *port)
+{
+    static const plcNumberArg portArg = {"port", eipTcpPort, 1, 65535, 0, "1 to 65535"};
+    const char *colon = strchr(text, ':');
+
+    epicsSnprintf(host, size, "%.*s", (int)strcspn(text, ":"), text);
+    if (!host[0] || !plcConfigureIsHost(host)) {
+        plcConfigureRefuse(command, name,
+                           "IPaddr \"%.60s\"; allowed: host name or dotted IP address, with "
+                           "or without :port", text);
+        return -1;
+    }
+    return plcConfigureNumber(command, name, &portArg, colon ? colon + 1 : NULL, port);
+}
+
+eipPlc *eipPlcCreate(const char *command, const char *name, const char *address,
+                     const eipPlcSetup *setup)
+{
+    char host[PLC_NAME_MAX + 1];
+    plcStationConfig config = {.name = name, .policy = &plcSingle, .recvTimeout = 2000,
+                               .sendInterval = 1000, .transport = &eipTransport};
+    epicsInt32 port;
+    char error[200];
+    eipPlc *plc;
+
+    if (!plcConfigureIsNew(command, name) ||
+        splitHost(command, name, address ? address : "", host, sizeof(host), &port))
+        return NULL;
+    epicsThreadOnce(&once, initOnce, NULL);
+    plc = callocMustSucceed(1, sizeof(*plc), "etherip");
+    epicsSnprintf(plc->name, sizeof(plc->name), "%s", name);
+    plc->connect = (eipConnectOptions){setup->route, setup->connected, setup->size, setup->room,
+                                       5000};
+    plc->places = eipPlacesCreate(setup->imageSize);
+    config.address[0] = host;
+    config.port = port;
+    config.inSize = config.outSize = setup->imageSize;
+    config.transportOwn = &plc;
+    epicsMutexMustLock(lock);
+    ellAdd(&plcs, &plc->node);
+    epicsMutexUnlock(lock);
+    plc->station = plcStationCreate(&config);
+    if (!plc->station) {
+        destroy(plc);
+        return NULL;
+    }
+    plcStationSetOption(plc->station, "track", "on", error, sizeof(error));
+    plcStationSetOption(plc->station, "scan", "changed", error, sizeof(error));
+    return plc;
+}
