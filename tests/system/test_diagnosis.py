@@ -56,6 +56,50 @@ def test_right_after_wrong(new_peer, new_ioc):
     ioc.wait_alarm("in", "NO_ALARM")
     assert ioc.log_count("the block size is right now") == 1
 
+# Each block holds its number at both ends; `wrong` counts those that do not.
+ENDS = """
+record(longin, "$(P)in")   { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT32") field(SCAN, "I/O Intr") field(PHAS, "0") }
+record(longin, "$(P)last") { field(DTYP, "S7plc") field(INP, "@PLC/92 T=INT32") field(SCAN, "I/O Intr") field(PHAS, "1") field(FLNK, "$(P)wrong") }
+record(calc, "$(P)wrong")  { field(INPA, "$(P)wrong") field(INPB, "$(P)in") field(INPC, "$(P)last") field(INPD, "$(P)last.SEVR") field(CALC, "A+(D<3&&B#C)") }
+record(longout, "$(P)out") { field(DTYP, "S7plc") field(OUT, "@PLC/0 T=INT32 R=0") }
+"""
+
+
+@pytest.mark.parametrize("what, cut, sign", [
+    ("7 bytes too many, once", lambda n, block: block + bytes(7) if n == 15 else block,
+     "PLC out of step"),
+    ("1 byte lost, once", lambda n, block: block[1:] if n == 15 else block,
+     "PLC out of step"),
+    ("60 bytes from then on", lambda n, block: block[:60] if n >= 15 else block,
+     "PLC sends 60 bytes, inSize is 96"),
+    ("half of it from then on", lambda n, block: block[:48] if n >= 15 else block,
+     "PLC sends 48 bytes, inSize is 96"),
+])
+def test_slip(new_peer, new_ioc, what, cut, sign):
+    """a stream of good blocks slips, {what}: nothing wrong is shown or sent, and the log says why"""
+    peer = new_peer(96, 4)
+    numbers, after = [0], []
+
+    def make():
+        numbers[0] += 1
+        number = struct.pack(">i", numbers[0])
+        if len(peer.connections) > 1:
+            after.append(numbers[0])
+            return number * 24
+        return cut(numbers[0], number * 24)
+    ioc = new_ioc(peer.configure(recv_timeout=5000)
+                  + "\ns7plcSetOption PLC track on", ENDS)
+    peer.wait_connected()
+    peer.every(0.05, make)
+    ioc.wait_log(f"disconnected: {sign}")
+    until(lambda: after and ioc.get("in") > after[0] + 3, "blocks of the next connection")
+    ioc.wait_alarm("in", "NO_ALARM")
+    assert ioc.get("wrong") == 0
+    ioc.put("out", ioc.get("in"))
+    shown = {struct.pack(">i", n) for n in range(numbers[0] + 1)}
+    for connection in peer.connections:
+        assert set(connection.blocks()) <= shown
+
 
 def test_random_sizes(new_peer, new_ioc):
     """a PLC that sends any number of bytes at a time: no crash, few lines, and never a hang"""
