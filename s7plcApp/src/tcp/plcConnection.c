@@ -20,7 +20,7 @@
 /* Socket options that make a dead peer known; s. Data unacknowledged that long, too. */
 enum { keepIdle = 5, keepInterval = 2, keepCount = 3, userTimeout = 10 };
 
-/* A host may wait so long before it acknowledges. */
+/* A host may wait so long before it acknowledges a block. The next ones do not wait for it. */
 #define ACK_NS 250000000u
 
 /* Error numbers in the words of an operator; they go into AMSG. */
@@ -129,7 +129,6 @@ void plcConnectionClose(plcConnection *c, const char *why, epicsUInt64 now)
         c->since = now;
     c->state = plcConnectionDown;
     c->sent = c->outSize;
-    c->queuedAt = 0;
     if (why && why != c->error)
         epicsSnprintf(c->error, sizeof(c->error), "%s", why);
 }
@@ -152,6 +151,8 @@ static int queued(const plcConnection *c)
 
     if (ioctl(c->socket, TIOCOUTQ, &left) == 0)
         return left;
+#else
+    (void)c;
 #endif
     return -1;
 }
@@ -175,13 +176,18 @@ int plcConnectionDelivered(const plcConnection *c)
 
 int plcConnectionReady(plcConnection *c, epicsUInt64 now)
 {
+    int left;
+
     if (!plcConnectionIdle(c))
         return 0;
-    if (!c->queuedAt || queued(c) <= 0) {
-        c->queuedAt = 0;
+    left = queued(c);
+    if (left <= 0)
         return 1;
+    if (c->given - (epicsUInt64)left >= c->marked) {
+        c->marked = c->given;
+        c->markedAt = now;
     }
-    return now - c->queuedAt < ACK_NS && unsent(c) == 0;
+    return now - c->markedAt < ACK_NS && unsent(c) == 0;
 }
 
 PLC_HOT short plcConnectionEvents(const plcConnection *c)
@@ -212,7 +218,7 @@ int plcConnectionFinish(plcConnection *c, epicsUInt64 now)
     c->state = plcConnectionUp;
     c->since = now;
     c->sent = c->outSize;
-    c->queuedAt = 0;
+    c->given = c->marked = 0;
     if (queued(c) < 0)
         setOption(c->socket, SOL_SOCKET, SO_SNDBUF, (int)c->outSize);
     c->error[0] = 0;
@@ -259,8 +265,7 @@ int plcConnectionSend(plcConnection *c, int restart, epicsUInt64 now)
         if (count < 0)
             return fail(c, errno, now);
         c->sent += count;
+        c->given += (epicsUInt64)count;
     }
-    if (!c->queuedAt)
-        c->queuedAt = now;
     return 1;
 }

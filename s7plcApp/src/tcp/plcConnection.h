@@ -30,7 +30,9 @@ typedef struct plcConnection {
     size_t outSize;
     char *out;            /* the block that leaves */
     size_t sent;          /* its bytes that are with the kernel; outSize: all */
-    epicsUInt64 queuedAt; /* when the kernel got what it still has; 0: it has nothing */
+    epicsUInt64 given;    /* bytes that the kernel got on this connection */
+    epicsUInt64 marked;   /* of them, so many at the time markedAt: not all acknowledged since */
+    epicsUInt64 markedAt; /* monotonic ns */
     char error[80];       /* why it is down, in words: "connection refused" */
 } plcConnection;
 
