@@ -533,7 +533,8 @@ static void once(plcAsynPort *port)
     pass p = {.port = port};
 
     p.connected = plcStationConnected(port->station, reason);
-    p.leaves = plcStationOutputConnected(port->station, NULL);
+    p.leaves = plcStationOutputConnected(port->station, NULL) &&
+               !plcStationHeld(port->station);
     lost = fetch(&p, &dropped);
     if (dropped || off || !p.connected)
         announce(port, 0, off ? "by a user" : reason);
