@@ -15,6 +15,7 @@
 
 #include "simCommand.h"
 #include "simConsole.h"
+#include "simDial.h"
 #include "simServers.h"
 
 #define MAX_COMMANDS 64
@@ -24,6 +25,9 @@ typedef struct options {
     const char *address;
     const char *port;
     const char *console;
+    const char *dial; /* talk to the console of another one */
+    char **words;     /* ... this command */
+    int wordCount;
     const char *commands[MAX_COMMANDS];
     int commandCount;
     char *settings[MAX_COMMANDS]; /* key=value */
@@ -63,11 +67,15 @@ static int usage(FILE *fp)
     fprintf(
         fp,
         "usage: plcSim [options] file.plc\n"
+        "       plcSim --connect <path> [command]\n"
         "  -a, --address <address>   listen there, whatever the file says\n"
         "  -p, --port <port>         0 = any free port; the port is printed\n"
         "  -o, --option <key=value>  set a key of the file\n"
         "  -c, --console <path>      take commands on this unix socket too\n"
         "  -e, --execute <command>   run a console command at start; may be repeated\n"
+        "  -C, --connect <path>      send a command, or those of stdin, to the console "
+        "of a\n"
+        "                            simulator that runs\n"
         "  -n, --no-stdin            take no commands from stdin\n"
         "  -q, --quiet               print only where it listens, and errors\n"
         "  -s, --seconds <n>         end after n seconds\n"
@@ -89,6 +97,7 @@ static int readOptions(options *opt, int argc, char **argv)
         {"option",   required_argument, NULL, 'o'},
         {"console",  required_argument, NULL, 'c'},
         {"execute",  required_argument, NULL, 'e'},
+        {"connect",  required_argument, NULL, 'C'},
         {"no-stdin", no_argument,       NULL, 'n'},
         {"quiet",    no_argument,       NULL, 'q'},
         {"seconds",  required_argument, NULL, 's'},
@@ -99,7 +108,7 @@ static int readOptions(options *opt, int argc, char **argv)
     int c;
 
     memset(opt, 0, sizeof(*opt));
-    while ((c = getopt_long(argc, argv, "a:p:o:c:e:nqs:kh", longOptions, NULL)) != -1) {
+    while ((c = getopt_long(argc, argv, "a:p:o:c:e:C:nqs:kh", longOptions, NULL)) != -1) {
         switch (c) {
         case 'a':
             opt->address = optarg;
@@ -118,6 +127,11 @@ static int readOptions(options *opt, int argc, char **argv)
             if (opt->commandCount < MAX_COMMANDS)
                 opt->commands[opt->commandCount++] = optarg;
             break;
+        case 'C': /* the rest is the command, also words such as -5 */
+            opt->dial = optarg;
+            opt->words = argv + optind;
+            opt->wordCount = argc - optind;
+            return -1;
         case 'n':
             opt->noStdin = 1;
             break;
@@ -352,6 +366,8 @@ int main(int argc, char **argv)
 
     if (status >= 0)
         return status;
+    if (opt.dial)
+        return simDial(opt.dial, opt.words, opt.wordCount);
     simLoopInit(&sim.loop);
     simConsoleInit(&console, &sim);
     status = 1;

@@ -87,8 +87,7 @@ static int addMirror(void *server, char **words, size_t count, char error[SIM_ER
     if (m.length < 1 || m.from > config->out || m.length > config->out - m.from)
         return simFail(
             error, "mirror: %lu bytes at offset %lu are outside of the %lu bytes of out",
-            (unsigned long)m.length, (unsigned long)m.from,
-            (unsigned long)config->out);
+            (unsigned long)m.length, (unsigned long)m.from, (unsigned long)config->out);
     if (m.to > config->in || m.length > config->in - m.to)
         return simFail(
             error, "mirror: %lu bytes at offset %lu are outside of the %lu bytes of in",

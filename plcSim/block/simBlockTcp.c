@@ -41,9 +41,9 @@ const char *simBlockTcpAddress(const simBlockTcp *server)
     return simListenerAddress(&server->listener);
 }
 
-int simBlockTcpOpen(simBlockTcp *server, simLoop *loop, const char *name, const char *address,
-                  unsigned port, size_t inSize, size_t outSize,
-                  const simBlockTcpEvents *events, void *owner)
+int simBlockTcpOpen(simBlockTcp *server, simLoop *loop, const char *name,
+                    const char *address, unsigned port, size_t inSize, size_t outSize,
+                    const simBlockTcpEvents *events, void *owner)
 {
     server->loop = loop;
     server->name = name;

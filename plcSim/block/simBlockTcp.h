@@ -68,9 +68,9 @@ typedef struct simBlockTcp {
 
 /* Starts listening on address:port (0 = any free port). Returns 0, or -1 after a message.
  * name, events and owner must outlive the server. */
-int simBlockTcpOpen(simBlockTcp *server, simLoop *loop, const char *name, const char *address,
-                  unsigned port, size_t inSize, size_t outSize,
-                  const simBlockTcpEvents *events, void *owner);
+int simBlockTcpOpen(simBlockTcp *server, simLoop *loop, const char *name,
+                    const char *address, unsigned port, size_t inSize, size_t outSize,
+                    const simBlockTcpEvents *events, void *owner);
 void simBlockTcpClose(simBlockTcp *server);
 
 /* "127.0.0.1:40123"; static text. */

@@ -321,8 +321,8 @@ static int doHelp(simCall *c)
     }
     helpList(commands, OWN_COUNT, c->out);
     for (i = 0; i < c->plc->serverCount; i++)
-        helpList(c->plc->servers[i].type->commands,
-                 c->plc->servers[i].type->commandCount, c->out);
+        helpList(c->plc->servers[i].type->commands, c->plc->servers[i].type->commandCount,
+                 c->out);
     return 0;
 }
 

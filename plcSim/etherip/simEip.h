@@ -1,6 +1,6 @@
 /* simEip: serves EtherNet/IP to several clients: sessions, requests with and without a
- * connection, what goes wrong on purpose, and a history of requests. It does not know what
- * a request means, nor consoles.
+ * connection, what goes wrong on purpose, and a history of requests. It does not know
+ * what a request means, nor consoles.
  *
  * All functions run in the thread of the loop and never block.
  *
@@ -18,9 +18,9 @@ typedef struct simEipCounts {
     epicsUInt64 requests;  /* 6F and 70 */
     epicsUInt64 connected; /* 70 */
     epicsUInt64 answers;
-    epicsUInt64 silent;    /* a fault kept them from being answered */
-    epicsUInt64 errors;    /* answered with a status in the header */
-    epicsUInt64 ignored;   /* options that are not 0, an id that nobody has */
+    epicsUInt64 silent;  /* a fault kept them from being answered */
+    epicsUInt64 errors;  /* answered with a status in the header */
+    epicsUInt64 ignored; /* options that are not 0, an id that nobody has */
     epicsUInt64 bytesIn, bytesOut;
     size_t largestRequest, largestAnswer; /* bytes of the message */
 } simEipCounts;
@@ -31,10 +31,21 @@ typedef struct simEipRecord {
     unsigned client;
     int connected;
     unsigned sequence;
-    unsigned error; /* status in the header of the answer */
+    unsigned error;               /* status in the header of the answer */
     epicsUInt8 *request, *answer; /* messages; answer NULL = none */
     size_t requestSize, answerSize;
 } simEipRecord;
+
+/* What is known of a client. */
+typedef struct simEipClient {
+    epicsUInt32 session; /* 0 = none */
+    epicsUInt64 requests;
+    int mute;         /* a part of an answer left: nothing more will */
+    epicsUInt8 *last; /* the message of the last answer, for `old` */
+    size_t lastSize;
+    epicsUInt8 *held; /* a frame that leaves behind the next one */
+    size_t heldSize;
+} simEipClient;
 
 typedef struct simEip {
     simLoop *loop;

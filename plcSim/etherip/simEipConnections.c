@@ -8,11 +8,11 @@
 
 #include "simEipController.h"
 
-#define OPEN_SIZE 36      /* bytes of a Forward Open before the path; 4 more when large */
-#define CLOSE_SIZE 12     /* bytes of a Forward Close before the path */
+#define OPEN_SIZE 36  /* bytes of a Forward Open before the path; 4 more when large */
+#define CLOSE_SIZE 12 /* bytes of a Forward Close before the path */
 #define CLASS_3_SERVER 0xA3
 #define POINT_TO_POINT 2
-#define LEAST_RPI 1000    /* us */
+#define LEAST_RPI 1000 /* us */
 
 /* Extended status with EIP_FAILURE. */
 #define IN_USE 0x0100

@@ -13,17 +13,17 @@
 
 typedef struct simEipConnection {
     int used;
-    epicsUInt32 toTarget;     /* id that requests carry (O->T), ours */
-    epicsUInt32 toOriginator; /* id that answers carry (T->O), the client's */
-    unsigned serial, vendor;  /* the triad ... */
-    epicsUInt32 originator;   /* ... names a connection */
+    epicsUInt32 toTarget;           /* id that requests carry (O->T), ours */
+    epicsUInt32 toOriginator;       /* id that answers carry (T->O), the client's */
+    unsigned serial, vendor;        /* the triad ... */
+    epicsUInt32 originator;         /* ... names a connection */
     size_t requestSize, answerSize; /* bytes, sequence count included */
-    double timeout;           /* s without a request */
-    double heard;             /* s: when the last came */
-    unsigned client;          /* who opened it; 0 = that TCP connection is gone */
+    double timeout;                 /* s without a request */
+    double heard;                   /* s: when the last came */
+    unsigned client;                /* who opened it; 0 = that TCP connection is gone */
     int hasSequence;
-    unsigned sequence;        /* of the last request */
-    epicsUInt8 *answer;       /* to it, sent again when it comes again */
+    unsigned sequence;  /* of the last request */
+    epicsUInt8 *answer; /* to it, sent again when it comes again */
     size_t answerLength;
     epicsUInt64 requests, duplicates;
 } simEipConnection;
@@ -69,7 +69,7 @@ void simEipForwardClose(struct simEipController *c, const struct simEipRequest *
 /* Unconnected_Send (52): checks route and size; *message is what it carries. Returns a
  * general status, with its extended status at *extended. */
 int simEipUnconnectedSend(const struct simEipController *c,
-                          const struct simEipRequest *request,
-                          const epicsUInt8 **message, size_t *size, unsigned *extended);
+                          const struct simEipRequest *request, const epicsUInt8 **message,
+                          size_t *size, unsigned *extended);
 
 #endif

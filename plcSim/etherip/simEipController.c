@@ -105,7 +105,8 @@ static size_t writeAnswer(const simEipOrigin *origin, unsigned service,
     size_t head = HEADER + 2 * (size_t)answer->extendedCount;
     int i;
 
-    if (origin->nested && (answer->status == EIP_TOO_LARGE || head + answer->size > limit))
+    if (origin->nested &&
+        (answer->status == EIP_TOO_LARGE || head + answer->size > limit))
         simEipFail(answer, EIP_PARTIAL, 0);
     else if (head + answer->size > limit)
         simEipFail(answer, EIP_TOO_LARGE, 0);
@@ -162,8 +163,8 @@ static void serveMultiple(simEipController *c, const simEipOrigin *origin,
     simEipPut(answer->data, 2, count);
     for (i = 0; i < count; i++) {
         size_t from = (size_t)simEipGet(data + 2 + 2 * i, 2);
-        size_t to = i + 1 < count ? (size_t)simEipGet(data + 4 + 2 * i, 2)
-                                  : request->dataSize;
+        size_t to =
+            i + 1 < count ? (size_t)simEipGet(data + 4 + 2 * i, 2) : request->dataSize;
         size_t limit = answer->room - used - HEADER * (count - 1 - i);
         epicsUInt8 *out = answer->data + used;
 
@@ -329,8 +330,8 @@ static void walkMultiple(const simEipRequest *request, walkFn fn, void *arg)
         return;
     for (i = 0; i < count; i++) {
         size_t from = (size_t)simEipGet(data + 2 + 2 * i, 2);
-        size_t to = i + 1 < count ? (size_t)simEipGet(data + 4 + 2 * i, 2)
-                                  : request->dataSize;
+        size_t to =
+            i + 1 < count ? (size_t)simEipGet(data + 4 + 2 * i, 2) : request->dataSize;
         simEipRequest inner;
         simEipPath path;
 

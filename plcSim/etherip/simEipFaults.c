@@ -19,21 +19,21 @@ static const struct faultWord {
     int hex;
     long max;
 } faultWords[] = {
-    [eipFaultStatus] = {"status", 1, 1, 1, 0xFFFF},
-    [eipFaultSlow] = {"slow", 1, 0, 0, 3600000},
-    [eipFaultSilent] = {"silent", 0, 0, 0, 0},
-    [eipFaultDrop] = {"drop", 0, 0, 0, 0},
-    [eipFaultClose] = {"close", 0, 0, 0, 0},
-    [eipFaultShort] = {"short", 1, 0, 0, 65535},
-    [eipFaultGarbage] = {"garbage", 1, 0, 0, 65535},
-    [eipFaultLength] = {"length", 1, 0, 0, 65535},
-    [eipFaultContext] = {"wrongcontext", 0, 0, 0, 0},
-    [eipFaultSession] = {"wrongsession", 0, 0, 0, 0},
-    [eipFaultSequence] = {"wrongsequence", 0, 0, 0, 0},
-    [eipFaultId] = {"wrongid", 0, 0, 0, 0},
-    [eipFaultService] = {"wrongservice", 0, 0, 0, 0},
-    [eipFaultSwap] = {"swap", 0, 0, 0, 0},
-    [eipFaultOld] = {"old", 0, 0, 0, 0},
+    [eipFaultStatus] = {"status",        1, 1, 1, 0xFFFF },
+    [eipFaultSlow] = {"slow",          1, 0, 0, 3600000},
+    [eipFaultSilent] = {"silent",        0, 0, 0, 0      },
+    [eipFaultDrop] = {"drop",          0, 0, 0, 0      },
+    [eipFaultClose] = {"close",         0, 0, 0, 0      },
+    [eipFaultShort] = {"short",         1, 0, 0, 65535  },
+    [eipFaultGarbage] = {"garbage",       1, 0, 0, 65535  },
+    [eipFaultLength] = {"length",        1, 0, 0, 65535  },
+    [eipFaultContext] = {"wrongcontext",  0, 0, 0, 0      },
+    [eipFaultSession] = {"wrongsession",  0, 0, 0, 0      },
+    [eipFaultSequence] = {"wrongsequence", 0, 0, 0, 0      },
+    [eipFaultId] = {"wrongid",       0, 0, 0, 0      },
+    [eipFaultService] = {"wrongservice",  0, 0, 0, 0      },
+    [eipFaultSwap] = {"swap",          0, 0, 0, 0      },
+    [eipFaultOld] = {"old",           0, 0, 0, 0      },
 };
 
 static int findFault(const char *word)
@@ -86,8 +86,9 @@ static long takeNumbers(simEipRule *rule, char **words, size_t count,
         long max = rule->fault == eipFaultStatus ? 0xFF : word->max;
 
         if (used >= count || number(words[0], word->hex, max, &rule->number))
-            return simFail(error, word->hex ? "%s wants a hexadecimal number 0 ... %lx"
-                                            : "%s wants a number 0 ... %ld",
+            return simFail(error,
+                           word->hex ? "%s wants a hexadecimal number 0 ... %lx"
+                                     : "%s wants a number 0 ... %ld",
                            word->name, max);
         used++;
     }

@@ -37,12 +37,12 @@ typedef enum simEipFault {
 typedef struct simEipRule {
     simEipFault fault;
     long number, second;
-    int close;               /* short: the connection ends behind it */
-    int reads, writes;       /* which requests; both 0 = all */
-    int connected;           /* 1 connected, 2 unconnected, 0 = all */
-    unsigned service;        /* 0 = all */
+    int close;                /* short: the connection ends behind it */
+    int reads, writes;        /* which requests; both 0 = all */
+    int connected;            /* 1 connected, 2 unconnected, 0 = all */
+    unsigned service;         /* 0 = all */
     char tag[SIM_EIP_FILTER]; /* its path, or the beginning; empty = all */
-    unsigned long remaining; /* requests; 0 = always */
+    unsigned long remaining;  /* requests; 0 = always */
 } simEipRule;
 
 typedef struct simEipFaults {
@@ -77,7 +77,8 @@ int simEipFaultParse(simEipFaults *faults, char **words, size_t count,
 int simEipFaultKnown(const char *word);
 void simEipFaultsClear(simEipFaults *faults);
 
-/* The status that answers this request instead of serving it: 1 with both numbers, or 0. */
+/* The status that answers this request instead of serving it: 1 with both numbers, or 0.
+ */
 int simEipFaultsStatus(simEipFaults *faults, const simEipSubject *subject,
                        unsigned *status, unsigned *extended);
 

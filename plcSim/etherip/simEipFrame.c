@@ -1,5 +1,5 @@
-/* simEipFrame: the encapsulation around CIP messages: the header of 24 bytes and the items
- * behind it. It knows no CIP and no socket.
+/* simEipFrame: the encapsulation around CIP messages: the header of 24 bytes and the
+ * items behind it. It knows no CIP and no socket.
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */

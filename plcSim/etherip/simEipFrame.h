@@ -1,12 +1,12 @@
-/* simEipFrame: the encapsulation around CIP messages: the header of 24 bytes and the items
- * behind it. It knows no CIP and no socket.
+/* simEipFrame: the encapsulation around CIP messages: the header of 24 bytes and the
+ * items behind it. It knows no CIP and no socket.
  *
  *   0         2        4         8        12            20         24
  *   | command | length | session | status | context (8) | options  | length bytes
  *
- *   6F, 70:  interface(4) = 0  timeout(2)  items(2) = 2  { type(2)  length(2)  bytes } x 2
- *   6F: items 0000 (empty), 00B2 (message)
- *   70: items 00A1 (connection id), 00B1 (sequence count (2), message)
+ *   6F, 70:  interface(4) = 0  timeout(2)  items(2) = 2  { type(2)  length(2)  bytes } x
+ * 2 6F: items 0000 (empty), 00B2 (message) 70: items 00A1 (connection id), 00B1 (sequence
+ * count (2), message)
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */

@@ -356,7 +356,8 @@ static void serveSymbols(const simEipController *c, const simEipOrigin *origin,
         getAttributes(c, origin, request, path, symbolAttribute, tag, answer);
 }
 
-/* Program:Main, then class 6B and an instance. Returns 0 when the path is none of this. */
+/* Program:Main, then class 6B and an instance. Returns 0 when the path is none of this.
+ */
 static int serveScope(const simEipController *c, const simEipOrigin *origin,
                       const simEipRequest *request, const simEipPath *path,
                       simEipAnswer *answer)

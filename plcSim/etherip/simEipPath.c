@@ -62,8 +62,8 @@ int simEipPathParse(simEipPath *path, const epicsUInt8 *bytes, size_t size)
 
         if (path->count == SIM_EIP_SEGMENTS)
             return -1;
-        taken = bytes[0] == 0x91 ? takeSymbol(s, bytes, size)
-                                 : takeLogical(s, bytes, size);
+        taken =
+            bytes[0] == 0x91 ? takeSymbol(s, bytes, size) : takeLogical(s, bytes, size);
         if (!taken)
             return -1;
         path->count++;

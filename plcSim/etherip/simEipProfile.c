@@ -12,6 +12,7 @@
 
 const char simEipProfileNames[] = "l8x|enet|micro800|omron";
 
+/* clang-format off */
 const simEipProfile simEipProfiles[] = {
     {
         .name = "l8x",
@@ -65,3 +66,4 @@ const simEipProfile simEipProfiles[] = {
         .strings = eipStringLong,
     },
 };
+/* clang-format on */

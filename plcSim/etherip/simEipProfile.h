@@ -21,12 +21,13 @@ typedef struct simEipProfile {
     simEipIdentity cpu, front; /* the module that has the network port */
     int frontIsCpu;            /* requests without a route reach the tags */
     int route;                 /* has a backplane: Unconnected_Send, and slots */
-    size_t smallest, small, large; /* bytes of a connection; large 0 = no Large Forward Open */
-    int multiple;              /* requests in a Multiple Service Packet, 0 = none */
-    int list;                  /* the tag list (55) and templates */
-    int externalAccess;        /* attribute 10 */
-    int wholeArrays;           /* an array is read whole, with count 1 */
-    unsigned trueByte;         /* what a BOOL that is true looks like */
+    size_t smallest, small,
+        large;          /* bytes of a connection; large 0 = no Large Forward Open */
+    int multiple;       /* requests in a Multiple Service Packet, 0 = none */
+    int list;           /* the tag list (55) and templates */
+    int externalAccess; /* attribute 10 */
+    int wholeArrays;    /* an array is read whole, with count 1 */
+    unsigned trueByte;  /* what a BOOL that is true looks like */
     simEipStrings strings;
 } simEipProfile;
 

@@ -1,5 +1,5 @@
-/* simEipTagService: the services on tags: Read Tag (4C), Write Tag (4D), both in fragments
- * (52, 53), Read-Modify-Write (4E).
+/* simEipTagService: the services on tags: Read Tag (4C), Write Tag (4D), both in
+ * fragments (52, 53), Read-Modify-Write (4E).
  *
  *   4C   count(2)                                          -> type  data
  *   52   count(2)  offset(4)                               -> type  data
@@ -191,8 +191,8 @@ static void readTag(const simEipController *c, const simEipRequest *request,
     count = (size_t)simEipGet(request->data, 2);
     if (checkCount(c, place, &count, answer))
         return;
-    addData(c, place, count,
-            need == 6 ? (size_t)simEipGet(request->data + 2, 4) : 0, answer);
+    addData(c, place, count, need == 6 ? (size_t)simEipGet(request->data + 2, 4) : 0,
+            answer);
 }
 
 /* ---- writing ---- */

@@ -183,7 +183,8 @@ static int isNamePart(const char *name, size_t length)
 {
     size_t i;
 
-    if (!length || length >= SIM_EIP_NAME || (!isalpha((unsigned char)name[0]) && name[0] != '_'))
+    if (!length || length >= SIM_EIP_NAME ||
+        (!isalpha((unsigned char)name[0]) && name[0] != '_'))
         return 0;
     /* I/O tags have colons: Local:2:I */
     for (i = 0; i < length; i++)
@@ -230,8 +231,9 @@ static int mapTag(simEipTags *tags, simEipTag *tag, const char *address,
     if (place.bit >= 0)
         return simFail(error, "tag %s: %s names a bit", tag->name, address);
     if (simEipTagSize(tag) > place.block->size - place.offset)
-        return simFail(error, "tag %s: %lu bytes from %s on are outside of %s, which has "
-                              "%lu bytes",
+        return simFail(error,
+                       "tag %s: %lu bytes from %s on are outside of %s, which has "
+                       "%lu bytes",
                        tag->name, (unsigned long)simEipTagSize(tag), address,
                        simBlockName(place.block), (unsigned long)place.block->size);
     tag->block = place.block;
@@ -274,10 +276,11 @@ static int checkNew(simEipTags *tags, const char *name, int scope,
                     char error[SIM_ERROR_SIZE])
 {
     if (scope < 0)
-        return simFail(error,
-                       "\"%.60s\" is no name of a tag: letters, digits and _, at most %d, "
-                       "or Program:<name>.<name>",
-                       name, SIM_EIP_NAME - 1);
+        return simFail(
+            error,
+            "\"%.60s\" is no name of a tag: letters, digits and _, at most %d, "
+            "or Program:<name>.<name>",
+            name, SIM_EIP_NAME - 1);
     if (simEipTagFind(tags, name))
         return simFail(error, "there is a tag %s already", name);
     if (nextOrder(tags) + tags->shifts + 2 > SIM_EIP_TAGS)
@@ -493,8 +496,9 @@ int simEipTagsPlace(const simEipTags *tags, const char *text, simEipPlace *place
     simEipPath path;
 
     if (textPath(text, &path))
-        return simFail(error, "\"%.80s\" is no tag: such as a, a[2], a.b[2].c, a[1,2], "
-                              "Program:Main.a",
+        return simFail(error,
+                       "\"%.80s\" is no tag: such as a, a[2], a.b[2].c, a[1,2], "
+                       "Program:Main.a",
                        text);
     if (simEipTagsResolve(tags, &path, place))
         return simFail(error, "\"%.80s\": there is no such tag, member or element", text);

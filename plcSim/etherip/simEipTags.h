@@ -23,7 +23,11 @@
 #define EIP_PATH_UNKNOWN 0x05
 
 /* As attribute 10 tells it. */
-typedef enum simEipAccess { eipReadWrite = 0, eipReadOnly = 2, eipNoAccess = 3 } simEipAccess;
+typedef enum simEipAccess {
+    eipReadWrite = 0,
+    eipReadOnly = 2,
+    eipNoAccess = 3
+} simEipAccess;
 
 typedef struct simEipTag {
     char name[SIM_EIP_FULL_NAME]; /* with its program */
@@ -35,10 +39,10 @@ typedef struct simEipTag {
     int dimCount;
     size_t elements; /* of the array, 1 = no array */
     simEipAccess access;
-    simBlock own;     /* bytes of its own, or none */
-    simBlock *block;  /* where it lies */
-    size_t offset;    /* bytes in it */
-    char **initial;   /* values of the file, for a cold restart */
+    simBlock own;    /* bytes of its own, or none */
+    simBlock *block; /* where it lies */
+    size_t offset;   /* bytes in it */
+    char **initial;  /* values of the file, for a cold restart */
     size_t initialCount;
     size_t order; /* of definition: makes the instance id */
 } simEipTag;
@@ -68,7 +72,7 @@ int simEipTagRemove(simEipTags *tags, const char *name);
 simEipTag *simEipTagFind(const simEipTags *tags, const char *name);
 
 epicsUInt8 *simEipTagBytes(const simEipTag *tag);
-size_t simEipTagSize(const simEipTag *tag); /* bytes */
+size_t simEipTagSize(const simEipTag *tag);      /* bytes */
 const char *simEipTagName(const simEipTag *tag); /* without its program */
 
 /* Instance in class 6B. It changes with each download. */

@@ -15,10 +15,10 @@
 
 #define MAX_MEMBERS 500
 #define MAX_ELEMENTS 2000000u
-#define MEMBER_INFO 8       /* bytes for a member in the template */
-#define SHORT_TEXT 80       /* characters of a Micro800 STRING */
-#define LONG_TEXT 256       /* characters of an Omron STRING */
-#define STRING_TEXT 82      /* characters of a Logix STRING */
+#define MEMBER_INFO 8  /* bytes for a member in the template */
+#define SHORT_TEXT 80  /* characters of a Micro800 STRING */
+#define LONG_TEXT 256  /* characters of an Omron STRING */
+#define STRING_TEXT 82 /* characters of a Logix STRING */
 #define STRING_TEMPLATE 0xFCE
 #define FIRST_TEMPLATE 0x100
 #define TEMPLATE_SPAN 3583u /* a prime; ids up to 0xEFE */
@@ -101,7 +101,8 @@ unsigned simEipTemplateId(const simEipTypes *types, const simEipType *type)
 {
     if (type->index < 0)
         return STRING_TEMPLATE;
-    return FIRST_TEMPLATE + ((unsigned)type->index * 7 + types->shift * 53) % TEMPLATE_SPAN;
+    return FIRST_TEMPLATE +
+           ((unsigned)type->index * 7 + types->shift * 53) % TEMPLATE_SPAN;
 }
 
 const simEipType *simEipTemplateFind(const simEipTypes *types, unsigned id)
@@ -305,7 +306,7 @@ static void makeDefinition(const simEipTypes *types, simEipType *type)
     size += names.length;
     for (i = 0; i < type->memberCount; i++)
         size += strlen(type->members[i].name) + 1;
-    size = aligned(size, 4);
+    size = aligned(size + 3, 4); /* browsers read 4 x words - 23 bytes */
     free(type->definition);
     p = type->definition = callocMustSucceed(1, size, "simEipTypes");
     type->definitionSize = size;
@@ -445,8 +446,8 @@ int simEipTypeStatement(simEipTypes *types, char **words, size_t count,
         unsigned long text = count == 3 ? strtoul(words[2], NULL, 10) : 0;
 
         if (text < 1 || text > 65535)
-            status = simFail(error, "udt %s string wants: <characters 1 ... 65535>",
-                             words[0]);
+            status =
+                simFail(error, "udt %s string wants: <characters 1 ... 65535>", words[0]);
         else
             makeString(type, text);
     } else {

@@ -44,14 +44,14 @@ struct simEipMember;
 typedef struct simEipType {
     char name[SIM_EIP_NAME];
     simEipKind kind;
-    unsigned code;  /* on the wire */
-    size_t size;    /* bytes of one element in memory */
-    size_t align;   /* bytes */
-    size_t text;    /* strings: how many characters fit, else 0 */
-    int index;      /* structures: order of definition; -1 = predefined */
+    unsigned code; /* on the wire */
+    size_t size;   /* bytes of one element in memory */
+    size_t align;  /* bytes */
+    size_t text;   /* strings: how many characters fit, else 0 */
+    int index;     /* structures: order of definition; -1 = predefined */
     unsigned handle;
     struct simEipMember *members;
-    size_t memberCount; /* hidden ones too */
+    size_t memberCount;     /* hidden ones too */
     epicsUInt8 *definition; /* the template */
     size_t definitionSize;  /* bytes; its size attribute is (this + 20) / 4 words */
 } simEipType;
@@ -68,12 +68,16 @@ typedef struct simEipMember {
 typedef struct simEipTypes {
     simEipType **list; /* structures */
     size_t count;
-    unsigned shift;             /* of the template ids: changes with a download */
-    const simEipType *string;   /* what STRING means here */
+    unsigned shift;           /* of the template ids: changes with a download */
+    const simEipType *string; /* what STRING means here */
 } simEipTypes;
 
 /* What STRING is. */
-typedef enum simEipStrings { eipStringStruct, eipStringShort, eipStringLong } simEipStrings;
+typedef enum simEipStrings {
+    eipStringStruct,
+    eipStringShort,
+    eipStringLong
+} simEipStrings;
 
 void simEipTypesInit(simEipTypes *types, simEipStrings strings);
 void simEipTypesFree(simEipTypes *types);

@@ -135,8 +135,9 @@ static void getStruct(const simEipType *type, epicsUInt8 *bytes, simText *out)
         inner.bit = m->bit;
         inner.elements = m->count ? m->count : 1;
         inner.isArray = m->count > 0;
-        simTextAdd(out, "%s%s=", between, m->name);
+        simTextAdd(out, "%s%s=%s", between, m->name, m->count ? "[" : "");
         simEipValueGet(&inner, out);
+        simTextAdd(out, m->count ? "]" : "");
         between = " ";
     }
     simTextAdd(out, "}");
@@ -179,8 +180,8 @@ int simEipValueSignal(const simMemory *mem, const simEipTag *tag, char **words,
         return simFail(error, "tag %s: no signals for %s", tag->name, tag->type->name);
     if (count + 2 > sizeof(all) / sizeof(all[0]))
         return simFail(error, "tag %s: too many words", tag->name);
-    snprintf(address, sizeof(address),
-             tag->type->kind == eipBool ? "%lu.0" : "%lu", (unsigned long)tag->offset);
+    snprintf(address, sizeof(address), tag->type->kind == eipBool ? "%lu.0" : "%lu",
+             (unsigned long)tag->offset);
     if (tag->elements > 1)
         snprintf(type, sizeof(type), "%s[%lu]", name, (unsigned long)tag->elements);
     else

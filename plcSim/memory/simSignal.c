@@ -235,8 +235,8 @@ int simSignalParse(const simMemory *mem, simBlock *byDefault, char **words, size
     if (!signal->shape)
         return simFail(
             error,
-            "\"%.40s\" is no kind of signal: allowed are constant ramp sine square "
-            "noise counter text clock",
+            "\"%.40s\" is not known: a signal is constant, ramp, sine, square, noise, "
+            "counter, text or clock",
             words[2]);
     if (!shapeFits(signal))
         return simFail(error, "%s cannot be written as %s", signal->shape->name,

@@ -133,7 +133,8 @@ static void serveOther(simClient *client, simRequest *request)
     static const simModbusFate none = {.shorten = -1, .garbage = -1};
     simModbus *modbus = modbusOf(client);
     epicsUInt8 answer[SIM_MODBUS_ADU];
-    int code = modbus->gateway && !ownOf(client)->mute && request->function < 128 ? 11 : -1;
+    int code =
+        modbus->gateway && !ownOf(client)->mute && request->function < 128 ? 11 : -1;
 
     if (ownOf(client)->otherUnit != (int)request->unit + 1)
         simLog(modbus->name, "Modbus: connection %u: unit %u is not here, %d is: %s",
@@ -273,8 +274,8 @@ void simModbusStatus(const simModbus *modbus, simText *out)
         simTextAdd(out, " unit=%d", modbus->unit);
     else
         simTextAdd(out, " unit=any");
-    simTextAdd(out, " clients=%d connections=%llu sent_away=%llu\n", modbus->clients.count,
-               (unsigned long long)modbus->clients.connections,
+    simTextAdd(out, " clients=%d connections=%llu sent_away=%llu\n",
+               modbus->clients.count, (unsigned long long)modbus->clients.connections,
                (unsigned long long)modbus->clients.sentAway);
     simTextAdd(out, "modbus areas:");
     simMapText(&modbus->map, out);

@@ -38,7 +38,7 @@ typedef struct simModbusRecord {
 typedef struct simModbus {
     simLoop *loop;
     const char *name;
-    int unit;     /* that is answered, -1 = any */
+    int unit;    /* that is answered, -1 = any */
     int gateway; /* another unit gets exception 11 instead of silence */
     simModbusMap map;
     simAnswerer answerer;

@@ -163,8 +163,7 @@ static int modbusRefuse(simCall *c)
 
 static int modbusClose(simCall *c)
 {
-    simModbusDrop(modbusOf(c), !strcasecmp(c->words[0], "reset"),
-                  "ended at the console");
+    simModbusDrop(modbusOf(c), !strcasecmp(c->words[0], "reset"), "ended at the console");
     return 0;
 }
 
@@ -205,13 +204,13 @@ static const struct word {
     simCommandFn fn;
     int logged;
 } words[] = {
-    {"help",     1, modbusHelp,      0},
-    {"received", 2, modbusReceived,  0},
-    {"clear",    1, modbusClear,     0},
-    {"refuse",   2, modbusRefuse,    1},
-    {"close",    1, modbusClose,     1},
-    {"reset",    1, modbusClose,     1},
-    {"normal",   1, modbusNormal, 1},
+    {"help",     1, modbusHelp,     0},
+    {"received", 2, modbusReceived, 0},
+    {"clear",    1, modbusClear,    0},
+    {"refuse",   2, modbusRefuse,   1},
+    {"close",    1, modbusClose,    1},
+    {"reset",    1, modbusClose,    1},
+    {"normal",   1, modbusNormal,   1},
 };
 
 /* Without a word: the status. The rest are faults. */

@@ -47,8 +47,8 @@ typedef struct simPlc {
     void *changedArg;
     unsigned restarts;
     simTimer cycle, power, watch;
-    simPoint hmiPoint;     /* the HMI waits for this moment ... */
-    char **hmiWords;       /* ... to set this */
+    simPoint hmiPoint; /* the HMI waits for this moment ... */
+    char **hmiWords;   /* ... to set this */
     size_t hmiCount;
 } simPlc;
 
@@ -67,7 +67,8 @@ void simPlcStop(simPlc *plc);
 void simPlcFree(simPlc *plc);
 
 void simPlcPeriod(simPlc *plc, double seconds);
-/* Moves the signals and packs IE_TX; the servers are told. Nothing, when it is passive. */
+/* Moves the signals and packs IE_TX; the servers are told. Nothing, when it is passive.
+ */
 void simPlcMake(simPlc *plc);
 /* Calls the program: the connection to the IOC has come or gone, or a block came
  * (`received`, config->out bytes, or NULL). */

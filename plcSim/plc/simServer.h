@@ -1,8 +1,8 @@
 /* simServer: what a PLC asks of its servers (blocks, Modbus, ...): one const table of
  * functions for each kind. A PLC knows its servers by these tables alone.
  *
- * All functions run in the thread of the loop and never block. Those that are NULL are not
- * called; init, open, close, free and address must be there.
+ * All functions run in the thread of the loop and never block. Those that are NULL are
+ * not called; init, open, close, free and address must be there.
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */
@@ -35,9 +35,9 @@ typedef enum simEvent {
 } simEvent;
 
 typedef struct simServerType {
-    const char *title;         /* in "plcSim: PLC <title> listening on ...", may be "" */
-    const char *off;           /* what its commands say when it does not listen */
-    const simKeyTable *keys;   /* of the file; NULL = none */
+    const char *title;       /* in "plcSim: PLC <title> listening on ...", may be "" */
+    const char *off;         /* what its commands say when it does not listen */
+    const simKeyTable *keys; /* of the file; NULL = none */
     const simServerStatement *statements;
     size_t statementCount;
     const struct simCommand *commands; /* of the console */

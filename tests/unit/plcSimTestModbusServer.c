@@ -17,18 +17,13 @@
 #include <epicsUnitTest.h>
 #include <testMain.h>
 
+#include "plcSimClient.h"
 #include "simConfig.h"
 #include "simLog.h"
-#include "simLoop.h"
 #include "simModbusServer.h"
 #include "simPlc.h"
 #include "simServers.h"
 
-#define PATIENCE_S 30.0 /* reached only when a test fails */
-#define ENDED (-1)      /* the connection has ended ... */
-#define WAS_RESET (-2)  /* ... with RST */
-
-static simLoop loop;
 static simConfig config;
 static simPlc plc;
 static simModbus *modbus; /* of plc */
@@ -43,11 +38,11 @@ static void setUp(const char *more)
              "modbus holding 0 150 -> DB10.0\ninit DB10.DBW0 0x0102\n"
              "tx DB10.DBD0 -> 0\n%s",
              more);
-    simLoopInit(&loop);
+    simLoopInit(&clientLoop);
     simConfigInit(&config);
     simServersKeys(&config);
     if (simConfigReadText(&config, "t.plc", text, &out) ||
-        simPlcBuild(&plc, &loop, &config, simServers, "PLC", &out) ||
+        simPlcBuild(&plc, &clientLoop, &config, simServers, "PLC", &out) ||
         simPlcStart(&plc, "127.0.0.1", NULL))
         testAbort("%s", out.text ? out.text : "cannot listen");
     modbus = &((simModbusServer *)simPlcServerOf(&plc, &simModbusServerType))->modbus;
@@ -59,100 +54,14 @@ static void tearDown(void)
     simPlcStop(&plc);
     simPlcFree(&plc);
     simConfigFree(&config);
-    simLoopFree(&loop);
+    simLoopFree(&clientLoop);
 }
-
-/* The loop runs a little. */
-static void turn(void)
-{
-    simLoopRun(&loop, simNow() + 0.002);
-}
-
-#define UNTIL(condition)                                                                 \
-    do {                                                                                 \
-        double end_ = simNow() + PATIENCE_S;                                             \
-        while (!(condition) && simNow() < end_)                                          \
-            turn();                                                                      \
-    } while (0)
 
 /* ---- a client ---- */
 
-static int dial(const struct sockaddr_in *address)
-{
-    int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    int size = 4096; /* little is on its way that is not taken */
-
-    setsockopt(fd, SOL_SOCKET, SO_SNDBUF, &size, sizeof(size));
-    if (connect(fd, (const struct sockaddr *)address, sizeof(*address)))
-        testAbort("connect: %s", strerror(errno));
-    fcntl(fd, F_SETFL, O_NONBLOCK);
-    return fd;
-}
-
 static int openClient(void)
 {
-    epicsUInt64 before = modbus->clients.connections + modbus->clients.sentAway;
-    int fd = dial(&modbus->clients.listener.address);
-
-    UNTIL(modbus->clients.connections + modbus->clients.sentAway > before);
-    return fd;
-}
-
-static void say(int fd, const char *hex)
-{
-    epicsUInt8 bytes[600];
-    size_t count = 0;
-    unsigned value;
-    int used;
-
-    for (; sscanf(hex, " %2x%n", &value, &used) == 1; hex += used)
-        bytes[count++] = (epicsUInt8)value;
-    if (send(fd, bytes, count, MSG_NOSIGNAL) != (ssize_t)count)
-        testDiag("send: %s", strerror(errno));
-}
-
-/* Waits for `count` bytes. Returns how many came, or ENDED, WAS_RESET when none did. */
-static long hear(int fd, epicsUInt8 *bytes, size_t count)
-{
-    double end = simNow() + PATIENCE_S;
-    size_t got = 0;
-    ssize_t n;
-
-    while (got < count && simNow() < end) {
-        n = recv(fd, bytes + got, count - got, MSG_DONTWAIT);
-        if (n > 0)
-            got += (size_t)n;
-        else if (n == 0 || (errno != EAGAIN && errno != EWOULDBLOCK))
-            return got ? (long)got : n == 0 ? ENDED : WAS_RESET;
-        else
-            turn();
-    }
-    return (long)got;
-}
-
-/* True when exactly these bytes come. */
-static int hears(int fd, const char *hex)
-{
-    epicsUInt8 bytes[600];
-    simText text = {NULL, 0, 0};
-    long want = (long)(strlen(hex) + 1) / 3;
-    long n = hear(fd, bytes, (size_t)want);
-    int same;
-
-    simTextHex(&text, bytes, n > 0 ? (size_t)n : 0);
-    same = n == want && !strcmp(text.text, hex);
-    if (!same)
-        testDiag("%ld bytes: %s", n, text.text);
-    simTextFree(&text);
-    return same;
-}
-
-/* What a client sees as the end of its connection. */
-static long hearsEnd(int fd)
-{
-    epicsUInt8 byte;
-
-    return hear(fd, &byte, 1);
+    return clientOpen(&modbus->clients);
 }
 
 /* Reads register 0. */
@@ -161,8 +70,8 @@ static long hearsEnd(int fd)
 
 static int works(int fd)
 {
-    say(fd, ASK);
-    return hears(fd, TOLD);
+    clientSay(fd, ASK);
+    return clientHears(fd, TOLD);
 }
 
 static int freshWorks(void)
@@ -196,16 +105,16 @@ static void testPieces(void)
     for (i = 0; i < 12; i++) {
         char byte[3] = {ASK[3 * i], ASK[3 * i + 1], 0};
 
-        say(fd, byte);
-        turn();
+        clientSay(fd, byte);
+        clientTurn();
     }
-    testOk(hears(fd, TOLD), "a request in 12 pieces is answered");
-    say(fd, ASK " " ASK " 00 09");
-    testOk(hears(fd, TOLD " " TOLD), "two requests at once are answered both");
-    say(fd, "00 00 00 06 01 03 00 00 00 01");
-    testOk(hears(fd, TOLD), "and the third, whose rest comes later");
-    say(fd, "00 01 00 00 00 0b 01 10 00 00 00 02 04 11 12 13 14");
-    testOk(hears(fd, "00 01 00 00 00 06 01 10 00 00 00 02"), "a write is answered");
+    testOk(clientHears(fd, TOLD), "a request in 12 pieces is answered");
+    clientSay(fd, ASK " " ASK " 00 09");
+    testOk(clientHears(fd, TOLD " " TOLD), "two requests at once are answered both");
+    clientSay(fd, "00 00 00 06 01 03 00 00 00 01");
+    testOk(clientHears(fd, TOLD), "and the third, whose rest comes later");
+    clientSay(fd, "00 01 00 00 00 0b 01 10 00 00 00 02 04 11 12 13 14");
+    testOk(clientHears(fd, "00 01 00 00 00 06 01 10 00 00 00 02"), "a write is answered");
     UNTIL(!memcmp(plc.tx->bytes, "\x11\x12\x13\x14", 4));
     testOk(!memcmp(plc.tx->bytes, "\x11\x12\x13\x14", 4), "and PACK_TX_DB sees it");
     memcpy(plc.memory.blocks[4]->bytes, "\x01\x02", 2);
@@ -219,35 +128,35 @@ static void testEnds(void)
 {
     int fd = openClient();
 
-    say(fd, "47 45 54 20 2f 20 48 54 54 50");
-    testOk(hearsEnd(fd) == ENDED, "garbage ends the connection");
+    clientSay(fd, "47 45 54 20 2f 20 48 54 54 50");
+    testOk(clientHearsEnd(fd) == ENDED, "garbage ends the connection");
     testOk(modbus->counts.garbage == 1, "and is counted");
     close(fd);
 
     fd = openClient();
-    say(fd, "00 09 00 00 00 06 01 03");
+    clientSay(fd, "00 09 00 00 00 06 01 03");
     UNTIL(modbus->clients.count == 1);
     close(fd);
     UNTIL(modbus->clients.count == 0);
     testOk(modbus->clients.count == 0, "half a request is forgotten with its client");
 
     fd = openClient();
-    say(fd, ASK);
+    clientSay(fd, ASK);
     shutdown(fd, SHUT_WR);
-    testOk(hears(fd, TOLD) && hearsEnd(fd) == ENDED,
+    testOk(clientHears(fd, TOLD) && clientHearsEnd(fd) == ENDED,
            "a client that has closed its half gets its answer, then the end");
     close(fd);
 
     fd = openClient();
-    say(fd, "00 09 00 00 00 06 02 03 00 00 00 01 " ASK);
-    testOk(hears(fd, TOLD), "another unit gets no answer");
+    clientSay(fd, "00 09 00 00 00 06 02 03 00 00 00 01 " ASK);
+    testOk(clientHears(fd, TOLD), "another unit gets no answer");
     testOk(modbus->counts.otherUnit == 1, "and is counted");
     modbus->gateway = 1;
-    say(fd, "00 09 00 00 00 06 02 03 00 00 00 01");
-    testOk(hears(fd, "00 09 00 00 00 03 02 83 0b"), "or exception 11");
+    clientSay(fd, "00 09 00 00 00 06 02 03 00 00 00 01");
+    testOk(clientHears(fd, "00 09 00 00 00 03 02 83 0b"), "or exception 11");
     modbus->unit = -1;
-    say(fd, "00 09 00 00 00 06 ff 03 00 00 00 01");
-    testOk(hears(fd, "00 09 00 00 00 05 ff 03 02 01 02"),
+    clientSay(fd, "00 09 00 00 00 06 ff 03 00 00 00 01");
+    testOk(clientHears(fd, "00 09 00 00 00 05 ff 03 02 01 02"),
            "modbus_unit = any answers all");
     modbus->unit = 1;
     modbus->gateway = 0;
@@ -262,13 +171,13 @@ static void testMany(void)
 
     for (i = 0; i < SIM_MAX_CLIENTS; i++) {
         fds[i] = openClient();
-        say(fds[i], ASK);
+        clientSay(fds[i], ASK);
     }
     for (i = SIM_MAX_CLIENTS; i-- > 0;)
-        good += hears(fds[i], TOLD);
+        good += clientHears(fds[i], TOLD);
     testOk(good == SIM_MAX_CLIENTS, "%d clients are served at a time", good);
     extra = openClient();
-    testOk(hearsEnd(extra) == ENDED, "one more is sent away");
+    testOk(clientHearsEnd(extra) == ENDED, "one more is sent away");
     close(extra);
     close(fds[3]);
     UNTIL(modbus->clients.count == SIM_MAX_CLIENTS - 1);
@@ -294,7 +203,7 @@ static long stuff(int fd)
         while ((n = send(fd, ask + bytes % 12, 12 - (size_t)(bytes % 12), MSG_NOSIGNAL)) >
                0)
             bytes += n;
-        turn();
+        clientTurn();
         quiet = before == modbus->counts.requests ? quiet + 1 : 0;
     }
     return bytes / 12;
@@ -315,7 +224,7 @@ static void testDeaf(void)
     blocks = plc.block;
     UNTIL(plc.block > blocks + 3);
     testOk(plc.block > blocks + 3, "and blocks go on");
-    while (heard < asked && hear(deaf, answer, 259) == 259 && answer[7] == 3)
+    while (heard < asked && clientHear(deaf, answer, 259) == 259 && answer[7] == 3)
         heard++;
     testOk(heard == asked, "when it reads, it gets all its answers (%ld)", heard);
     testOk(works(deaf), "and is served again");
@@ -336,38 +245,38 @@ static void testFaults(void)
         snprintf(line, sizeof(line), "exception %d next 1", code);
         snprintf(wanted, sizeof(wanted), "00 09 00 00 00 03 01 83 %02x", (unsigned)code);
         fault(line);
-        say(fd, ASK);
-        testOk(hears(fd, wanted), "exception %d", code);
+        clientSay(fd, ASK);
+        testOk(clientHears(fd, wanted), "exception %d", code);
     }
     testOk(works(fd), "next 1: then it works again");
     fault("exception 2 holding 1 write");
-    say(fd, "00 01 00 00 00 0b 01 10 00 00 00 02 04 21 22 23 24");
-    testOk(hears(fd, "00 01 00 00 00 03 01 90 02"), "a write that is refused");
+    clientSay(fd, "00 01 00 00 00 0b 01 10 00 00 00 02 04 21 22 23 24");
+    testOk(clientHears(fd, "00 01 00 00 00 03 01 90 02"), "a write that is refused");
     testOk(works(fd), "has written nothing");
     fault("exception off");
 
     fault("slow 60 next 1");
     start = simNow();
-    say(fd, ASK " " ASK);
-    testOk(hears(fd, TOLD " " TOLD) && simNow() - start >= 0.06,
+    clientSay(fd, ASK " " ASK);
+    testOk(clientHears(fd, TOLD " " TOLD) && simNow() - start >= 0.06,
            "slow: not before its time, and the next one waits behind it");
     fault("wrongid next 1");
-    say(fd, ASK);
-    testOk(hears(fd, "00 08 00 00 00 05 01 03 02 01 02"), "another transaction id");
+    clientSay(fd, ASK);
+    testOk(clientHears(fd, "00 08 00 00 00 05 01 03 02 01 02"), "another transaction id");
     fault("wrongunit next 1");
-    say(fd, ASK);
-    testOk(hears(fd, "00 09 00 00 00 05 00 03 02 01 02"), "another unit");
+    clientSay(fd, ASK);
+    testOk(clientHears(fd, "00 09 00 00 00 05 00 03 02 01 02"), "another unit");
     fault("silent next 2");
-    say(fd, "00 01 00 00 00 06 01 06 00 00 77 77 " ASK " " ASK);
-    testOk(hears(fd, TOLD), "silent: two get no answer, and are not done");
+    clientSay(fd, "00 01 00 00 00 06 01 06 00 00 77 77 " ASK " " ASK);
+    testOk(clientHears(fd, TOLD), "silent: two get no answer, and are not done");
     testOk(modbus->counts.silent == 2, "which is counted");
     fault("garbage 20 next 1");
-    say(fd, ASK);
-    testOk(hear(fd, bytes, 20) == 20 && works(fd), "20 bytes of garbage");
+    clientSay(fd, ASK);
+    testOk(clientHear(fd, bytes, 20) == 20 && works(fd), "20 bytes of garbage");
 
     fault("short 9 next 1");
-    say(fd, ASK " " ASK);
-    testOk(hears(fd, "00 09 00 00 00 05 01 03 02"), "short: 9 bytes");
+    clientSay(fd, ASK " " ASK);
+    testOk(clientHears(fd, "00 09 00 00 00 05 01 03 02"), "short: 9 bytes");
     UNTIL(modbus->counts.silent == 3);
     testOk(modbus->counts.silent == 3 && recv(fd, bytes, 1, MSG_DONTWAIT) < 0,
            "then nothing more on this connection");
@@ -376,18 +285,19 @@ static void testFaults(void)
 
     fd = openClient();
     fault("short 3 close next 1");
-    say(fd, ASK " " ASK);
-    testOk(hear(fd, bytes, 99) == 3 && hearsEnd(fd) == ENDED, "3 bytes, then the end");
+    clientSay(fd, ASK " " ASK);
+    testOk(clientHear(fd, bytes, 99) == 3 && clientHearsEnd(fd) == ENDED,
+           "3 bytes, then the end");
     close(fd);
     fd = openClient();
     fault("short 0 close next 1");
-    say(fd, ASK);
-    testOk(hearsEnd(fd) == ENDED, "the end instead of an answer");
+    clientSay(fd, ASK);
+    testOk(clientHearsEnd(fd) == ENDED, "the end instead of an answer");
     close(fd);
     fd = openClient();
     fault("close reply next 1");
-    say(fd, "00 01 00 00 00 06 01 06 00 00 01 02");
-    testOk(hear(fd, bytes, 99) == 6 && hearsEnd(fd) == ENDED,
+    clientSay(fd, "00 01 00 00 00 06 01 06 00 00 01 02");
+    testOk(clientHear(fd, bytes, 99) == 6 && clientHearsEnd(fd) == ENDED,
            "half an answer, then the end");
     close(fd);
     testOk(freshWorks() && modbus->faults.count == 0, "all faults are used up");
@@ -400,32 +310,32 @@ static void testPower(void)
 
     works(fd);
     simModbusDrop(modbus, 0, "test");
-    testOk(hearsEnd(fd) == ENDED, "close");
+    testOk(clientHearsEnd(fd) == ENDED, "close");
     close(fd);
     fd = openClient();
     works(fd);
     simModbusDrop(modbus, 1, "test");
-    testOk(hearsEnd(fd) == WAS_RESET, "reset");
+    testOk(clientHearsEnd(fd) == WAS_RESET, "reset");
     close(fd);
 
     fd = openClient();
     works(fd);
     simModbusUnplug(modbus, 1);
-    say(fd, ASK);
+    clientSay(fd, ASK);
     late = socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
     n = connect(late, (struct sockaddr *)&modbus->clients.listener.address,
                 sizeof(modbus->clients.listener.address));
     testOk(n < 0 && errno == EINPROGRESS, "unplugged: a new connection gets no answer");
     close(late);
     for (n = 0; n < 10; n++)
-        turn();
+        clientTurn();
     testOk(recv(fd, &n, 1, MSG_DONTWAIT) < 0 && errno == EAGAIN, "nor does a request");
     simModbusUnplug(modbus, 0);
-    testOk(hears(fd, TOLD), "plugged: it does");
+    testOk(clientHears(fd, TOLD), "plugged: it does");
     testOk(freshWorks(), "and new connections come through");
 
     simPlcRestart(&plc, 0.01, 0);
-    testOk(hearsEnd(fd) == WAS_RESET, "a restart resets the connection");
+    testOk(clientHearsEnd(fd) == WAS_RESET, "a restart resets the connection");
     UNTIL(!plc.off);
     testOk(freshWorks(), "and then the PLC is there again, at its port");
     close(fd);
@@ -446,10 +356,11 @@ static void testStatus(void)
 
     simModbusClearCounts(modbus);
     works(fd);
-    say(fd, "00 01 00 00 00 06 01 03 00 00 00 7e 00 02 00 00 00 0b 01 10 00 00 00 02 04 "
+    clientSay(
+        fd, "00 01 00 00 00 06 01 03 00 00 00 7e 00 02 00 00 00 0b 01 10 00 00 00 02 04 "
             "01 02 "
             "03 04");
-    hears(fd, "00 01 00 00 00 03 01 83 03 00 02 00 00 00 06 01 10 00 00 00 02");
+    clientHears(fd, "00 01 00 00 00 03 01 83 03 00 02 00 00 00 06 01 10 00 00 00 02");
     simModbusStatus(modbus, &out);
     testOk(strstr(out.text, "modbus areas: holding=0..149@DB10.0\n") != NULL, "areas");
     testOk(strstr(out.text, "modbus requests: total=3 answered=3 silent=0 other_unit=0 "
