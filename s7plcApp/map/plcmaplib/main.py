@@ -179,6 +179,8 @@ def _parser():
     sub.add_argument("--bin", help="folder of plcSim and s7plcIoc (that of plcmap)")
     sub.add_argument("--base-bin", help="folder of softIoc, caget and caput ($EPICS_BASE/bin/...)")
     sub.add_argument("--keep", metavar="FOLDER", help="keep all files and logs there")
+    sub.add_argument("--patience", type=float, default=10.0, metavar="S",
+                     help="seconds until a value must agree (10)")
     sub.add_argument("-v", "--verbose", action="store_true", help="each comparison")
     return parser
 

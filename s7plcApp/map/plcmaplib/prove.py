@@ -1,0 +1,446 @@
+"""Runs plcSim and s7plcIoc, both from what was generated, against each other on loopback, and
+compares every value: the PLC sets, the record shows; the record puts, the PLC holds.
+
+Talks to the IOC through its shell (dbgf, dbpf), so that it needs no CA client, and to plcSim
+through its console.
+"""
+import os
+import re
+import select
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+
+from .outputs import contents
+from .outputs.records import records
+from .outputs.simulator import Memory
+from .problems import Place, Refused
+from .provevalues import same, sim_type, values
+
+PATIENCE = 30.0  # s for anything to happen
+SETTLE = 10.0   # s until values agree
+BATCH = 400      # console commands at a time
+PROBES = "plcmap:prove:"
+SHOWN = 40       # differences that are printed
+
+
+class Simulator:
+    """plcSim with its console."""
+
+    def __init__(self, program, file, folder):
+        self.path = os.path.join(folder, "plc.sock")
+        self.log = open(os.path.join(folder, "plcSim.log"), "w+")
+        self.process = subprocess.Popen(
+            [program, "-n", "-a", "127.0.0.1", "-p", "0", "-o", "modbus_port=0", "-c", self.path,
+             file] if self._modbus(file) else
+            [program, "-n", "-a", "127.0.0.1", "-p", "0", "-c", self.path, file],
+            stdin=subprocess.DEVNULL, stdout=self.log, stderr=subprocess.STDOUT)
+        self.text = self._wait_for("console on")
+        self.port = self._port(r"listening on .*:(\d+)$", "Modbus")
+        self.modbus = self._port(r"Modbus listening on .*:(\d+)$", None)
+        self.socket = socket.socket(socket.AF_UNIX)
+        self.socket.connect(self.path)
+        self.rest = b""
+
+    @staticmethod
+    def _modbus(file):
+        with open(file) as f:
+            return "\nmodbus_port" in f.read()
+
+    def _wait_for(self, text):
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
+            self.log.flush()
+            with open(self.log.name) as f:
+                found = f.read()
+            if text in found:
+                return found
+            if self.process.poll() is not None:
+                raise Refused("plcSim ended:\n%s" % found)
+            time.sleep(0.02)
+        raise Refused("plcSim does not start; its log: %s" % self.log.name)
+
+    def _port(self, pattern, but):
+        for line in self.text.splitlines():
+            m = re.search(pattern, line)
+            if m and not (but and but in line):
+                return int(m.group(1))
+        return None
+
+    def ask(self, commands):
+        """The answers, [text] without ok; an error is Refused."""
+        answers = []
+        for first in range(0, len(commands), BATCH):
+            part = commands[first:first + BATCH]
+            self.socket.sendall(("\n".join(part) + "\n").encode())
+            answers += self._answers(part)
+        return answers
+
+    def _answers(self, part):
+        found, lines = [], []
+        while len(found) < len(part):
+            while b"\n" not in self.rest:
+                if not select.select([self.socket], [], [], PATIENCE)[0]:
+                    raise Refused("plcSim does not answer \"%s\"" % part[len(found)])
+                data = self.socket.recv(65536)
+                if not data:
+                    raise Refused("plcSim closed its console")
+                self.rest += data
+            line, self.rest = self.rest.split(b"\n", 1)
+            text = line.decode(errors="replace").rstrip()
+            if text == "ok":
+                found.append("\n".join(lines))
+                lines = []
+            elif text.startswith("error: "):
+                raise Refused("plcSim: %s: %s" % (part[len(found)], text))
+            else:
+                lines.append(text)
+        return found
+
+    def close(self):
+        self.process.terminate()
+        self.process.wait()
+        self.log.close()
+
+
+class Shell:
+    """The IOC and its shell."""
+
+    def __init__(self, program, script, folder, env):
+        self.folder = folder
+        self.log = open(os.path.join(folder, "ioc.log"), "wb")
+        self.process = subprocess.Popen([program, script], stdin=subprocess.PIPE,
+                                        stdout=subprocess.PIPE, stderr=self.log, env=env,
+                                        cwd=folder)
+        self.rest = b""
+        self.count = 0
+        self.run(["dbgf %sblocks" % PROBES])
+
+    def run(self, commands):
+        """The lines that commands print, each command's own line among them."""
+        self.count += 1
+        mark = "plcmap-mark-%d" % self.count
+        path = os.path.join(self.folder, "batch.cmd")
+        with open(path, "w") as f:
+            f.write("\n".join(commands) + "\n")
+        self.process.stdin.write(("< %s\necho %s\n" % (path, mark)).encode())
+        self.process.stdin.flush()
+        lines = []
+        while True:
+            line = self._line()
+            if line == mark:
+                return lines
+            lines.append(line)
+
+    def _line(self):
+        while b"\n" not in self.rest:
+            if not select.select([self.process.stdout], [], [], PATIENCE)[0]:
+                raise Refused("the IOC does not answer; see %s" % self.log.name)
+            data = os.read(self.process.stdout.fileno(), 65536)
+            self.log.write(data)
+            if not data:
+                raise Refused("the IOC ended; see %s" % self.log.name)
+            self.rest += data
+        line, self.rest = self.rest.split(b"\n", 1)
+        text = line.decode(errors="replace").rstrip()
+        while text.startswith("epics> "):
+            text = text[len("epics> "):]
+        return text
+
+    def get(self, names):
+        """{name: value} of many fields."""
+        lines = self.run(["dbgf \"%s\"" % n for n in names])
+        found, current, text = {}, None, []
+        for line in lines + ["dbgf \"\""]:
+            m = re.match(r'^dbgf "(.*)"$', line)
+            if not m:
+                text.append(line)
+                continue
+            if current is not None:
+                found[current] = parse(text)
+            current, text = m.group(1), []
+        return found
+
+    def close(self):
+        try:
+            self.process.stdin.write(b"exit\n")
+            self.process.stdin.close()
+            self.process.wait(20)
+        except (OSError, subprocess.TimeoutExpired):
+            self.process.kill()
+            self.process.wait()
+        self.log.close()
+
+
+_ESCAPE = re.compile(r"\\(x[0-9a-fA-F]{2}|[0-7]{3}|.)")
+_NUMBER = re.compile(r"(-?(?:inf|nan|\d[\d.eE+-]*))(?: = -?0x[0-9a-f]+)?")
+
+
+def parse(lines):
+    """What dbgf printed: a text, a number, or a list."""
+    text = " ".join(l.strip() for l in lines if l.strip())
+    m = re.match(r"^DBF_(\w+?)(\[(\d+)\])?:\s*(.*)$", text)
+    if not m:
+        return text
+    kind, is_list, rest = m.group(1), m.group(2), m.group(4)
+    if rest.startswith("(empty)"):
+        return "" if kind == "CHAR" else []
+    if rest.startswith('"'):
+        return _ESCAPE.sub(lambda e: e.group(1)[-1:], rest[1:rest.rindex('"')])
+    numbers = [_number(n) for n in _NUMBER.findall(rest)]
+    if is_list and kind != "CHAR":
+        return numbers
+    if kind == "CHAR" and numbers == [0]:
+        return ""  # a long text of nothing but its NUL
+    return numbers[0] if numbers else rest
+
+
+def _number(text):
+    return int(text) if re.match(r"^-?\d+$", text) else float(text)
+
+
+def free_port():
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+class Proof:
+    """One run."""
+
+    def __init__(self, map_, args):
+        self.map = map_
+        self.verbose = args.verbose
+        self.patience = args.patience
+        self.memory = Memory(map_)
+        self.compared = 0
+        self.differences = []
+        self.cases = []
+        for number, leaf in enumerate(l for l in map_.leaves() if l.pv):
+            made = records(map_, leaf)
+            self.cases.append((leaf, made, values(map_, leaf, number)))
+
+    # --- names -----------------------------------------------------------------------------
+
+    def pv(self, record):
+        """The field that dbgf shows in full."""
+        name = self.map.plc["prefix"] + record.name
+        return name + ".VAL$" if record.type in ("lsi", "lso") else name
+
+    def where(self, leaf):
+        """Place and type for plcSim."""
+        a = self.memory.of(leaf)
+        kind = sim_type(self.map, leaf.type)
+        if leaf.is_bit():
+            return "%s BOOL" % a.text(1, a.bit)
+        block = "DB%d." % a.db if a.area == "DB" else a.area
+        return "%s%d %s" % (block, a.byte, kind)
+
+    # --- the two directions -------------------------------------------------------------------
+
+    def note(self, what, expected, found):
+        self.compared += 1
+        if not same(expected, found):
+            self.differences.append("%s: expected %r, found %r" % (what, expected, found))
+        elif self.verbose:
+            print("  %s = %r" % (what, found))
+
+    def from_plc(self, ioc, sim, number):
+        """Round `number`: all values are set in the PLC and read from the records."""
+        commands, expected = [], []
+        for leaf, made, choice in self.cases:
+            if leaf.dir == "cmd" or (leaf.dir == "out" and leaf.tx is None):
+                continue
+            value = choice[number % len(choice)]
+            words = ['"%s"' % w if w == "" or " " in w else w for w in value.words]
+            commands.append("set %s %s" % (self.where(leaf), " ".join(words)))
+            for record in made:
+                expected.append((self.pv(record), value.shown))
+                if value.severity is not None and leaf.dir == "in":
+                    expected.append((self.map.plc["prefix"] + record.name + ".SEVR",
+                                     value.severity))
+        if not commands:
+            return
+        sim.ask(commands)
+        self.settle(lambda names: ioc.get(names), expected)
+
+    def settle(self, read, expected):
+        """Compares; what differs is read again until it agrees or patience ends."""
+        end = time.monotonic() + self.patience
+        open_ = dict(expected)
+        while True:
+            found = read(list(open_))
+            left = {n: v for n, v in open_.items() if not same(v, found.get(n))}
+            if not left or time.monotonic() > end:
+                for name, value in expected:
+                    self.note(name, value, found.get(name) if name in left else value)
+                return
+            open_ = left
+            time.sleep(0.05)
+
+    def to_plc(self, ioc, sim, number):
+        """All outputs are put and the PLC's memory is read."""
+        puts, expected, back, leaves = [], [], [], {}
+        for leaf, made, choice in self.cases:
+            choice = [v for v in choice if v.put is not None]
+            if leaf.dir == "in" or not choice:
+                continue
+            value = choice[number % len(choice)]
+            puts.append('dbpf "%s" %s' % (self.pv(made[0]), _put_text(value.put)))
+            expected.append(("get " + self.where(leaf), _sim_value(leaf, value)))
+            leaves[expected[-1][0]] = leaf
+            if value.severity is not None and leaf.dir == "out":
+                back.append((self.map.plc["prefix"] + made[0].name + ".SEVR", value.severity))
+            back += [(self.pv(r), value.shown) for r in made[1:]]
+        if not puts:
+            return
+        self.wait_synced(ioc)
+
+        def read(names):
+            # a bit of a command goes back by itself; a put may have met a check of the PLC
+            ioc.run([p for p, e in zip(puts, expected) if e[0] in names])
+            time.sleep(0.15)
+            return {n: _answer(a, leaves[n]) for n, a in zip(names, sim.ask(names))}
+        self.settle(read, expected)
+        if back:
+            self.settle(lambda names: ioc.get(names), back)
+
+    def wait_synced(self, ioc):
+        if not self.map.on("sync"):
+            return
+        end = time.monotonic() + PATIENCE
+        while True:
+            ioc.run(['dbpf "%ssync.PROC" 1' % PROBES])
+            state = ioc.get([PROBES + "sync"])[PROBES + "sync"]
+            if state == "synced":
+                return
+            if time.monotonic() > end:
+                raise Refused("the IOC is not synchronised but \"%s\"" % state)
+            time.sleep(0.05)
+
+    def wait_blocks(self, ioc):
+        """Until the IOC has values."""
+        end = time.monotonic() + PATIENCE
+        while True:
+            ioc.run(['dbpf "%sblocks.PROC" 1' % PROBES])
+            if ioc.get([PROBES + "blocks"])[PROBES + "blocks"] == 1:
+                return
+            if time.monotonic() > end:
+                raise Refused("no data from plcSim; see the logs")
+            time.sleep(0.05)
+
+
+def _put_text(value):
+    if isinstance(value, list):
+        return '"[%s]"' % ",".join(repr(v) for v in value)
+    return '"%s"' % value
+
+
+def _sim_value(leaf, value):
+    """What plcSim's `get` prints, parsed."""
+    words = value.words
+    parsed = [_plain(w, leaf) for w in words]
+    return parsed if len(parsed) > 1 else parsed[0]
+
+
+def _plain(word, leaf):
+    kind = getattr(leaf.type, "element", leaf.type)
+    if getattr(kind, "kind", "text") in ("text", "char", "time", "raw"):
+        return word
+    return _number(word)
+
+
+def _answer(text, leaf):
+    """What plcSim's `get` printed: DB10.4 INT16 = 5"""
+    text = text.partition(" = ")[2]
+    if text.startswith('"'):
+        return text[1:-1]
+    parsed = [_plain(p, leaf) for p in text.split()]
+    return parsed if len(parsed) != 1 else parsed[0]
+
+
+def _programs(args):
+    here = args.bin or os.path.dirname(os.path.realpath(sys.argv[0]))
+    found = []
+    for name in ("plcSim", "s7plcIoc"):
+        path = os.path.join(here, name)
+        if not os.access(path, os.X_OK):
+            raise Refused("no %s; --bin names the folder of plcSim and s7plcIoc"
+                          % name, Place(here))
+        found.append(os.path.abspath(path))
+    return found
+
+
+def _script(map_, folder, program, name):
+    top = os.path.dirname(os.path.dirname(os.path.dirname(program)))
+    dbd = os.path.join(top, "dbd", "s7plcIoc.dbd")
+    if not os.path.exists(dbd):
+        raise Refused("is not there: it belongs to %s" % program, Place(dbd))
+    with open(os.path.join(folder, "probes.db"), "w") as f:
+        f.write('record(longin, "%sblocks") { field(DTYP, "S7plc stats") field(INP, "@%s/alive") }\n'
+                'record(stringin, "%ssync") { field(DTYP, "S7plc stats") field(INP, "@%s/syncText")'
+                ' }\n' % (PROBES, map_.plc["name"], PROBES, map_.plc["name"]))
+    path = os.path.join(folder, "prove.cmd")
+    with open(path, "w") as f:
+        f.write('dbLoadDatabase("%s")\ns7plcIoc_registerRecordDeviceDriver pdbbase\n< %s.cmd\n'
+                'dbLoadRecords("probes.db")\niocInit\n' % (dbd, name))
+    return path
+
+
+def _environment(map_, sim):
+    who = re.sub(r"\W", "_", map_.plc["name"])
+    env = dict(os.environ)
+    env.update({who + "_ADDRESS": "127.0.0.1", who + "_PORT": str(sim.port or sim.modbus or 0),
+                who + "_MODBUS_PORT": str(sim.modbus or 0), "MAPDIR": ".",
+                "EPICS_CAS_INTF_ADDR_LIST": "127.0.0.1", "EPICS_CAS_AUTO_BEACON_ADDR_LIST": "NO",
+                "EPICS_CAS_BEACON_ADDR_LIST": "127.0.0.1",
+                "EPICS_CA_SERVER_PORT": str(free_port()),
+                "EPICS_PVAS_INTF_ADDR_LIST": "127.0.0.1", "EPICS_PVA_SERVER_PORT": "0",
+                "EPICS_PVA_BROADCAST_PORT": str(free_port()),
+                "IOCSH_HISTEDIT_DISABLE": "1"})
+    if map_.plc["wire"] == "modbus":
+        env[who + "_PORT"] = str(sim.modbus)
+    return env
+
+
+def prove(map_, args):
+    """True when all values agree. Prints what does not, and how many were compared."""
+    if map_.plc["wire"] == "etherip":
+        raise Refused("prove needs blocks or Modbus: plcSim does not speak EtherNet/IP")
+    sim_program, ioc_program = _programs(args)
+    folder = args.keep or tempfile.mkdtemp(prefix="plcmap-")
+    os.makedirs(folder, exist_ok=True)
+    sim = ioc = None
+    began = time.monotonic()
+    try:
+        for file, data in contents(map_).items():
+            with open(os.path.join(folder, file), "wb") as f:
+                f.write(data)
+        name = map_.name()
+        sim = Simulator(sim_program, os.path.join(folder, name + ".plc"), folder)
+        script = _script(map_, folder, ioc_program, name)
+        ioc = Shell(ioc_program, script, folder, _environment(map_, sim))
+        proof = Proof(map_, args)
+        proof.wait_blocks(ioc)
+        rounds = max([len(v) for _, _, v in proof.cases] or [0])
+        for number in range(rounds):
+            proof.from_plc(ioc, sim, number)
+        for number in range(max([len(v) for l, _, v in proof.cases if l.dir != "in"] or [0])):
+            proof.to_plc(ioc, sim, number)
+    finally:
+        for process in (ioc, sim):
+            if process is not None:
+                process.close()
+        if not args.keep:
+            shutil.rmtree(folder, ignore_errors=True)
+    for line in proof.differences[:SHOWN]:
+        print(line)
+    if len(proof.differences) > SHOWN:
+        print("... and %d more" % (len(proof.differences) - SHOWN))
+    print("%d values in %d rounds: %d comparisons, %d differ (%.1f s)" % (
+        len(proof.cases), rounds, proof.compared, len(proof.differences),
+        time.monotonic() - began))
+    return not proof.differences and proof.compared > 0
