@@ -101,7 +101,7 @@ static void sendBytes(plc *p, size_t size, int good, size_t from)
         left -= piece;
         p->excuses += size > p->inSize && p->sent % p->inSize == 0 && left;
     }
-    p->now = (p->how.scheduled ? p->begins : p->now) + p->how.period * (0.99 + fraction(p) / 50);
+    p->now = (p->how.scheduled ? p->begins : p->now) + p->how.period * (0.9 + fraction(p) / 5);
 }
 
 static void sendBlocks(plc *p, unsigned count)
