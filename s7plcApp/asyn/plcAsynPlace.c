@@ -9,6 +9,7 @@
 #include <cantProceed.h>
 #include <epicsStdio.h>
 #include <epicsString.h>
+#include <errlog.h>
 
 #include "plcAsynPlace.h"
 
@@ -229,15 +230,16 @@ static int placeReadback(plcAsynView *view, const plcLink *link, char *error, si
     return 0;
 }
 
-static int resolve(plcAsynView *view, char *error, size_t size)
+static int resolve(plcAsynView *view, plcLinkError *doubt, char *error, size_t size)
 {
     const plcAsynPlace *place = view->place;
     const plcShape *shape = &faces[view->face].shape;
     plcLink link = place->link;
-    plcLinkError wrong;
 
-    if (plcLinkComplete(&link, shape, blockSize(place), &wrong))
-        return fail(error, size, "%s", wrong.text);
+    if (plcLinkComplete(&link, shape, blockSize(place), doubt))
+        return fail(error, size, "%s", doubt->text);
+    if (faces[view->face].element)
+        doubt->text[0] = 0; /* L= is a number of elements here */
     if (link.has & plcHasB & ~shape->options)
         return fail(error, size, "B= (one bit) does not fit %s", shape->recordType);
     if (faces[view->face].element && link.type->size != faces[view->face].element)
@@ -291,6 +293,7 @@ static void enlist(plcAsynView *view, const char *port)
 plcAsynView *plcAsynPlaceView(plcAsynPlace *place, plcAsynFace face, const char *port)
 {
     plcAsynView *view = place->views[face];
+    plcLinkError doubt = {0, ""};
     char error[640];
 
     if (view)
@@ -298,10 +301,13 @@ plcAsynView *plcAsynPlaceView(plcAsynPlace *place, plcAsynFace face, const char 
     view = callocMustSucceed(1, sizeof(*view), "plcAsynPlaceView");
     view->place = place;
     view->face = face;
-    if (resolve(view, error, sizeof(error)))
+    if (resolve(view, &doubt, error, sizeof(error)))
         view->refused = epicsStrDup(error);
     else
         enlist(view, port);
+    if (!view->refused && doubt.text[0])
+        errlogSevPrintf(errlogMinor, "s7plcAsyn %s \"%s\" warning: %s\n", port,
+                        place->text, doubt.text);
     place->views[face] = view;
     return view;
 }

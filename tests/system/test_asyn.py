@@ -283,6 +283,22 @@ def test_bad_drvinfo(new_peer, new_asyn):
     assert 'A "0 T=INT99": T=INT99 is no data type' in ioc.log.split("drvUserCreate", 1)[1]
 
 
+def test_limits_of_a_float(new_peer, new_asyn):
+    """limits of a float are not promised: a warning says that they do nothing"""
+    peer = new_peer(16, 16)
+    ioc = new_asyn(peer.configure(recv_timeout=60000, send_interval=20),
+                   record("ao", "o", "asynFloat64", "@asyn(A)out 4 T=REAL32 L=0 H=100")
+                   + record("aao", "array", "asynFloat32ArrayOut", "@asyn(A)out 8 T=REAL32 L=2",
+                            FTVL="FLOAT", NELM="2"))
+    peer.wait_connected()
+    peer.send(bytes(16))
+    ioc.put("o", 150)
+    peer.wait_block(struct.pack(">4xf8x", 150))
+    ioc.put("array", [1, 2])
+    peer.wait_block(struct.pack(">4xfff", 150, 1, 2))
+    assert ioc.log_count("L= and H= have no effect on REAL32: it is neither cut nor scaled") == 1
+
+
 def test_forms(new_peer, new_asyn):
     """in, a slash and small letters may stand in a drvInfo, as in the links of records"""
     peer = new_peer(16, 16)

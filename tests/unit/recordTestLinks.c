@@ -83,6 +83,31 @@ static const struct {
      "    @P/0 T=BYTE B=8\n"
      "                ^\n",
      "B=8: UINT8 has bits 0 to 7"},
+    {"mbbi with bits that the type has not", "mbbi", "INP=@P/0 T=BYTE|NOBT=2|SHFT=8",
+     "S7plc mbbi \"%s\" INP: NOBT=2 SHFT=8: UINT8 has bits 0 to 7\n"
+     "    @P/0 T=BYTE\n"
+     "         ^\n",
+     "NOBT=2 SHFT=8: UINT8 has bits 0 to 7"},
+    {"mbbo with one bit too many", "mbbo", "OUT=@P/0 T=BYTE|NOBT=3|SHFT=6",
+     "S7plc mbbo \"%s\" OUT: NOBT=3 SHFT=6: UINT8 has bits 0 to 7\n"
+     "    @P/0 T=BYTE\n"
+     "         ^\n",
+     "NOBT=3 SHFT=6: UINT8 has bits 0 to 7"},
+    {"mbbiDirect with too many bits", "mbbiDirect", "INP=@P/0|NOBT=17",
+     "S7plc mbbiDirect \"%s\" INP: NOBT=17 SHFT=0: INT16 has bits 0 to 15\n"
+     "    @P/0\n"
+     "        ^\n",
+     "NOBT=17 SHFT=0: INT16 has bits 0 to 15"},
+    {"mbboDirect that would write half", "mbboDirect", "OUT=@P/2 T=BYTE|NOBT=16",
+     "S7plc mbboDirect \"%s\" OUT: NOBT=16 SHFT=0: UINT8 has bits 0 to 7\n"
+     "    @P/2 T=BYTE\n"
+     "         ^\n",
+     "NOBT=16 SHFT=0: UINT8 has bits 0 to 7"},
+    {"bits far away", "mbbi", "INP=@P/0 T=DWORD|NOBT=1|SHFT=65535",
+     "S7plc mbbi \"%s\" INP: NOBT=1 SHFT=65535: UINT32 has bits 0 to 31\n"
+     "    @P/0 T=DWORD\n"
+     "         ^\n",
+     "NOBT=1 SHFT=65535: UINT32 has bits 0 t"},
     {"no link at all", "ai", "",
      "S7plc ai \"%s\" INP: no PLC name; allowed: @PLCname/offset T=type ...\n"
      "    @\n"
@@ -130,7 +155,28 @@ static const struct {
      "to its number of bits\n"},
     {"a string longer than its record", "stringin", "INP=@P/0 L=50",
      "S7plc stringin \"%s\" warning: L=50 is more than the record holds: reduced to 40\n"},
+    {"mbbo with texts and no values", "mbbo", "OUT=@P/0|NOBT=2|ZRST=off|ONST=auto|TWST=manual",
+     "S7plc mbbo \"%s\" warning: states with a text have no value of their own: the record "
+     "writes them as 0, like ZRST. Set ONVL TWVL to the PLC's numbers\n"},
+    {"mbbi with a text without a value", "mbbi",
+     "INP=@P/0|NOBT=2|ZRST=off|ONST=auto|ONVL=1|FFST=manual",
+     "S7plc mbbi \"%s\" warning: states with a text have no value of their own: the record "
+     "never shows them; it reads 0 as ZRST. Set FFVL to the PLC's numbers\n"},
+    {"limits of a float", "ao", "OUT=@P/0 T=REAL32 L=0 H=100",
+     "S7plc ao \"%s\" warning: OUT: L= and H= have no effect on REAL32: it is neither cut nor "
+     "scaled by them\n"},
+    {"LINEAR of a float", "ai", "INP=@P/8 T=REAL32|LINR=LINEAR|EGUF=100",
+     "S7plc ai \"%s\" warning: LINR has no effect on REAL32, which is VAL as it is. Scale it "
+     "with ASLO and AOFF\n"},
+    {"LINEAR without EGUF", "ao", "OUT=@P/0|LINR=LINEAR",
+     "S7plc ao \"%s\" warning: LINR=LINEAR, but EGUL and EGUF are both 0: the record always "
+     "writes the same. Set them to what L and H are in EGU\n"},
     {"nothing about a good record", "ai", "INP=@P/8 T=REAL32", ""},
+    {"nothing about what macros leave", "ai", "INP=@P/8 T=REAL32 L=0 H=0|EGUF=10", ""},
+    {"nothing about good states", "mbbi",
+     "INP=@P/0 T=BYTE|NOBT=2|SHFT=6|ONST=on|ONVL=1|TWST=off", ""},
+    {"nothing about all bits", "mbbiDirect", "INP=@P/0 T=DWORD|NOBT=32", ""},
+    {"nothing about LINEAR", "ao", "OUT=@P/0|LINR=LINEAR|EGUF=10", ""},
 };
 
 static const char *nameOf(const char *kind, size_t i)
@@ -183,7 +229,7 @@ static void testWarned(size_t i, const char *said)
     testOk(ok, "warns of %s", warned[i].title);
     if (!ok)
         testDiag("not said:\n%s", expected);
-    put(field(name, strncmp(warned[i].record, "mbbo", 4) ? "PROC" : "VAL"), "1");
+    put(field(name, linkField(warned[i].record)[0] == 'I' ? "PROC" : "VAL"), "1");
     isValue(field(name, "STAT"), "COMM", "the record works all the same");
 }
 

@@ -108,7 +108,7 @@ static const struct {
     {"mbbi finds the state of the number", "mbbi", "", "NOBT=4|SHFT=4|ZRVL=5|ONVL=3",
      "1234",
      "VAL", "1"},
-    {"mbbi does not extend the sign of a byte", "mbbi", " T=INT8", "NOBT=16", "a6",
+    {"mbbi does not extend the sign of a byte", "mbbi", " T=INT8", "NOBT=8", "a6",
      "RVAL",
      "166"},
     {"mbbi without NOBT reads 0", "mbbi", "", "", "1234", "VAL", "0"},

@@ -5,6 +5,7 @@
  * Knows no record type: their fields are in devS7plcIn.c, devS7plcOut.c, devS7plcArray.c.
  */
 #include <stdarg.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -20,6 +21,7 @@
 #include <epicsTime.h>
 #include <errlog.h>
 #include <link.h>
+#include <menuConvert.h>
 
 #include "plcCompat.h"
 #include "devS7plc.h"
@@ -391,6 +393,20 @@ void devScale(const devRecord *dev, double egul, double eguf, double *eslo, doub
     *eoff = (high * egul - low * eguf) / (high - low);
 }
 
+void devCheckScale(dbCommon *prec, const devRecord *dev, unsigned linr, double egul,
+                   double eguf)
+{
+    if (linr == menuConvertNO_CONVERSION)
+        return;
+    if (dev->type->kind == plcReal)
+        devWarn(prec, "LINR has no effect on %s, which is VAL as it is. Scale it with ASLO "
+                "and AOFF", dev->type->name);
+    else if (linr == menuConvertLINEAR && egul == eguf)
+        devWarn(prec, "LINR=LINEAR, but EGUL and EGUF are both %g: the record always %s the "
+                "same. Set them to what L and H are in EGU", egul,
+                supportOf(prec)->direction == devOut ? "writes" : "reads");
+}
+
 int devPrepareString(dbCommon *prec, devRecord *dev, const plcLink *link,
                      plcLinkError *error)
 {
@@ -399,21 +415,46 @@ int devPrepareString(dbCommon *prec, devRecord *dev, const plcLink *link,
     return 0;
 }
 
-int devPrepareMask(dbCommon *prec, devRecord *dev, epicsUInt32 *mask, unsigned nobt,
-                   unsigned shft)
+int devPrepareMask(dbCommon *prec, devRecord *dev, const plcLink *link,
+                   plcLinkError *error, epicsUInt32 *mask, unsigned nobt, unsigned shft)
 {
     const char *works =
         supportOf(prec)->direction == devOut ? "writes nothing" : "reads 0";
+    epicsUInt64 wanted = *mask ? *mask : nobt < 64 ? ((epicsUInt64)1 << nobt) - 1 : ~0ull;
+    unsigned bits = 8 * dev->type->size;
 
-    dev->shifted = mask;
-    dev->unshifted = *mask;
-    if (*mask == 0 && nobt <= 32)
-        *mask = (epicsUInt32)(((epicsUInt64)1 << nobt) - 1);
-    if (*mask == 0)
+    if (wanted && (shft >= bits || wanted >> (bits - shft)))
+        return devFail(error, link->column.T, "NOBT=%u SHFT=%u: %s has bits 0 to %u", nobt,
+                       shft, dev->type->name, bits - 1);
+    if (!wanted)
         devWarn(prec, "NOBT is 0: the record always %s. Set NOBT to its number of bits",
                 works);
-    *mask = shft < 32 ? *mask << shft : 0;
+    dev->shifted = mask;
+    dev->unshifted = *mask;
+    *mask = shft < 32 ? (epicsUInt32)wanted << shft : 0;
     return 0;
+}
+
+void devCheckStates(dbCommon *prec, const epicsUInt32 *values, const char *texts,
+                    size_t size)
+{
+    static const char prefixes[16][3] = {"ZR", "ON", "TW", "TH", "FR", "FV", "SX", "SV",
+                                         "EI", "NI", "TE", "EL", "TV", "TT", "FT", "FF"};
+    int out = supportOf(prec)->direction == devOut, first = -1, i;
+    char fields[16 * 5 + 1] = "";
+
+    for (i = 0; i < 16; i++) {
+        if (!texts[i * size] || values[i])
+            continue;
+        if (first < 0)
+            first = i;
+        else
+            sprintf(fields + strlen(fields), " %sVL", prefixes[i]);
+    }
+    if (fields[0])
+        devWarn(prec, "states with a text have no value of their own: the record %s %sST. "
+                "Set%s to the PLC's numbers", out ? "writes them as 0, like" :
+                "never shows them; it reads 0 as", prefixes[first], fields);
 }
 
 /* --- Between image and record ------------------------------------------------------- */

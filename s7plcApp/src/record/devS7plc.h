@@ -194,9 +194,19 @@ int devPrepareString(dbCommon *prec, devRecord *dev, const plcLink *link,
                      plcLinkError *error);
 
 /* prepare of the multibit records: moves MASK, NOBT bits, to its place at SHFT. It is
- * moved back when the record leaves us. */
-int devPrepareMask(dbCommon *prec, devRecord *dev, epicsUInt32 *mask, unsigned nobt,
-                   unsigned shft);
+ * moved back when the record leaves us. Returns 0; or -1 with *error, when the type has not
+ * all of these bits. */
+int devPrepareMask(dbCommon *prec, devRecord *dev, const plcLink *link,
+                   plcLinkError *error, epicsUInt32 *mask, unsigned nobt, unsigned shft);
+
+/* Warns of states of an mbbi or mbbo that have a text and the same value 0. 16 values, texts of
+ * `size` bytes each. */
+void devCheckStates(dbCommon *prec, const epicsUInt32 *values, const char *texts,
+                    size_t size);
+
+/* Warns of a LINR (menuConvert) of ai or ao that does nothing, or makes all values one. */
+void devCheckScale(dbCommon *prec, const devRecord *dev, unsigned linr, double egul,
+                   double eguf);
 
 /* Sets ESLO and EOFF of ai and ao so that L..H and EGUL..EGUF are the same. Float types are
  * not converted: nothing is set. */

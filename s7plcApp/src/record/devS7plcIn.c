@@ -44,8 +44,11 @@ static long linconvAi(dbCommon *common, int after)
 static int prepareAi(dbCommon *common, devRecord *dev, const plcLink *link,
                      plcLinkError *error)
 {
+    aiRecord *prec = (aiRecord *)common;
+
     (void)link, (void)error;
-    return (int)linconv((aiRecord *)common, dev);
+    devCheckScale(common, dev, prec->linr, prec->egul, prec->eguf);
+    return (int)linconv(prec, dev);
 }
 
 /* The smoothing filter of the ai record, for values that do not go through RVAL. There is
@@ -152,8 +155,8 @@ static int prepareMbbi(dbCommon *common, devRecord *dev, const plcLink *link,
 {
     mbbiRecord *prec = (mbbiRecord *)common;
 
-    (void)link, (void)error;
-    return devPrepareMask(common, dev, &prec->mask, prec->nobt, prec->shft);
+    devCheckStates(common, &prec->zrvl, prec->zrst, sizeof(prec->zrst));
+    return devPrepareMask(common, dev, link, error, &prec->mask, prec->nobt, prec->shft);
 }
 
 PLC_HOT static long readMbbiDirect(dbCommon *common)
@@ -173,8 +176,7 @@ static int prepareMbbiDirect(dbCommon *common, devRecord *dev, const plcLink *li
 {
     mbbiDirectRecord *prec = (mbbiDirectRecord *)common;
 
-    (void)link, (void)error;
-    return devPrepareMask(common, dev, &prec->mask, prec->nobt, prec->shft);
+    return devPrepareMask(common, dev, link, error, &prec->mask, prec->nobt, prec->shft);
 }
 
 /* --- Integers ----------------------------------------------------------------------- */

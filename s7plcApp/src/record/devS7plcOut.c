@@ -47,8 +47,11 @@ static long linconvAo(dbCommon *common, int after)
 static int prepareAo(dbCommon *common, devRecord *dev, const plcLink *link,
                      plcLinkError *error)
 {
+    aoRecord *prec = (aoRecord *)common;
+
     (void)link, (void)error;
-    return (int)linconv((aoRecord *)common, dev);
+    devCheckScale(common, dev, prec->linr, prec->egul, prec->eguf);
+    return (int)linconv(prec, dev);
 }
 
 /* Cuts a value to L..H. An L below the type is a point of the LINEAR scale: what is
@@ -161,8 +164,8 @@ static int prepareMbbo(dbCommon *common, devRecord *dev, const plcLink *link,
 {
     mbboRecord *prec = (mbboRecord *)common;
 
-    (void)link, (void)error;
-    return devPrepareMask(common, dev, &prec->mask, prec->nobt, prec->shft);
+    devCheckStates(common, &prec->zrvl, prec->zrst, sizeof(prec->zrst));
+    return devPrepareMask(common, dev, link, error, &prec->mask, prec->nobt, prec->shft);
 }
 
 static long writeMbboDirect(dbCommon *common)
@@ -177,8 +180,7 @@ static int prepareMbboDirect(dbCommon *common, devRecord *dev, const plcLink *li
 {
     mbboDirectRecord *prec = (mbboDirectRecord *)common;
 
-    (void)link, (void)error;
-    return devPrepareMask(common, dev, &prec->mask, prec->nobt, prec->shft);
+    return devPrepareMask(common, dev, link, error, &prec->mask, prec->nobt, prec->shft);
 }
 
 /* --- Integers: the low bytes are written, modulo 2^n -------------------------------- */

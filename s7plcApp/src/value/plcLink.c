@@ -535,6 +535,15 @@ static int completeBit(const plcLink *link, plcLinkError *error)
                 link->type->name, bits - 1);
 }
 
+/* Limits are for whole numbers. L=0 H=0 is what macros like to leave. */
+static void completeReal(const plcLink *link, plcLinkError *error)
+{
+    if (link->type->kind == plcReal && (link->low || link->high))
+        warn(error, link->has & plcHasL ? link->column.L : link->column.H,
+             "L= and H= have no effect on %s: it is neither cut nor scaled by them",
+             link->type->name);
+}
+
 /* The order of words, where there are words: elements of 4 and 8 bytes. */
 static void completeWords(const plcLink *link, const plcShape *shape, plcLinkError *error)
 {
@@ -559,6 +568,7 @@ int plcLinkComplete(plcLink *link, const plcShape *shape, size_t length,
         return -1;
     if (completeBit(link, error))
         return -1;
+    completeReal(link, error);
     if (link->has & plcHasR & ~shape->options)
         return fail(error, link->column.R, "R= (read-back) is for outputs only, not %s",
                     shape->recordType);
