@@ -81,7 +81,7 @@ void simEipFail(simEipAnswer *answer, unsigned status, unsigned extended)
 
 int simEipAdd(simEipAnswer *answer, const void *bytes, size_t size)
 {
-    if (size > answer->room - answer->size) {
+    if (answer->status == EIP_TOO_LARGE || size > answer->room - answer->size) {
         simEipFail(answer, EIP_TOO_LARGE, 0);
         return -1;
     }

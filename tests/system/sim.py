@@ -20,6 +20,7 @@ class Sim:
         self.lines = []
         self.port = None
         self.modbus_port = None  # where the file has modbus_port = 0
+        self.etherip_port = None  # where it has etherip_port = 0
         self.process = subprocess.Popen(
             [*wrapper, str(PROGRAM), "-n", "-p", "0", "-c", str(self.path), *options, str(file)],
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
@@ -35,6 +36,8 @@ class Sim:
             line = raw.decode(errors="replace").rstrip()
             if " Modbus listening on " in line:
                 self.modbus_port = int(line.rsplit(":", 1)[1])
+            elif " EtherNet/IP listening on " in line:
+                self.etherip_port = int(line.rsplit(":", 1)[1])
             elif " listening on " in line and self.port is None:
                 self.port = int(line.rsplit(":", 1)[1])
             self.lines.append(line)

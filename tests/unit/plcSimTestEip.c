@@ -319,6 +319,9 @@ static const struct {
     {"not even for two statuses", 17, PACKET "4c 02 " I "0a 00 4c 02 " I "0a 00",
      "8a 00 11 00"},
     {"an attribute that does not fit", 10, "0e 03 20 01 24 01 30 07", "8e 00 11 00"},
+    {"a list that is cut within the dimensions of its second tag", 32,
+     "55 02 20 6b 24 3d 02 00 02 00 08 00",
+     "d5 00 06 00 3d 00 00 00 c3 20 04 00 00 00 00 00 00 00 00 00 00 00"},
     {"the list of symbols: 06, go on at the last id + 1", 17,
      "55 02 20 6b 24 3d 01 00 01 00", "d5 00 06 00 3d 00 00 00 01 00 4d"},
 };
@@ -747,7 +750,7 @@ static void testMutated(void)
 
 MAIN(plcSimTestEip)
 {
-    testPlan(216);
+    testPlan(217);
     testServed();
     testLimits();
     testUnconnected();
