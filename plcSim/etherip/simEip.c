@@ -5,6 +5,7 @@
  * SPDX-License-Identifier: BSD-3-Clause
  */
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -367,6 +368,39 @@ static size_t serveUnconnected(simClient *client, const simEipItems *items,
     return 4;
 }
 
+/* Connections that were silent for too long end before anything is served. */
+static void expire(simEip *eip)
+{
+    simEipConnections *all = &eip->controller.connections;
+    epicsUInt64 before = all->timedOut;
+
+    simEipConnectionsExpire(all, simNow());
+    if (all->timedOut != before)
+        simLog(eip->name, "EtherNet/IP: %u CIP connection(s) timed out",
+               (unsigned)(all->timedOut - before));
+}
+
+/* A message without a connection may open or close one: that is said. */
+static size_t serveAndTell(simClient *client, const simEipItems *items, epicsUInt8 *out)
+{
+    simEipConnections *all = &eipOf(client)->controller.connections;
+    epicsUInt64 opened = all->opened, refused = all->refused, closed = all->closed;
+    size_t size = serveUnconnected(client, items, out);
+    char what[60] = "";
+
+    if (all->opened != opened)
+        strcpy(what, "opens a CIP connection");
+    else if (all->closed != closed)
+        strcpy(what, "closes a CIP connection");
+    else if (all->refused != refused)
+        sprintf(what, "Forward Open is refused: 01/%04x",
+                (unsigned)simEipGet(out + 4, 2));
+    if (what[0])
+        simLog(eipOf(client)->name, "EtherNet/IP: connection %u: %s", client->number,
+               what);
+    return size;
+}
+
 /* 6F and 70. Returns -1 when the client is gone. */
 static int serveMessage(simClient *client, const simEipFrame *frame)
 {
@@ -390,7 +424,7 @@ static int serveMessage(simClient *client, const simEipFrame *frame)
         answerError(client, frame, error);
         return 0;
     }
-    simEipConnectionsExpire(&eip->controller.connections, simNow());
+    expire(eip);
     if (connected) {
         connection = connectionOf(client, frame, &items, record);
         if (!connection)
@@ -407,7 +441,7 @@ static int serveMessage(simClient *client, const simEipFrame *frame)
     if (fate.silent || ownOf(client)->mute)
         return 0;
     size = connected ? serveConnected(client, connection, &items, out + at)
-                     : serveUnconnected(client, &items, out + at);
+                     : serveAndTell(client, &items, out + at);
     noteAnswer(eip, record, out + at, size);
     size = simEipFrameAround(out, frame, id, items.sequence, size);
     deliver(client, out, at, size, &fate);

@@ -105,6 +105,7 @@ static int tagValue(simEipServer *s, simEipTag *tag, char **words, size_t count,
     if (simEipValueSignal(&s->plc->memory, tag, words, count, &signal, error))
         return -1;
     simPlcAddSignal(s->plc, &signal);
+    tag->moves = 1;
     return 0;
 }
 
@@ -114,8 +115,8 @@ static void dropTag(simEipServer *s, const char *name)
 
     if (!tag)
         return;
-    if (tag->block == &tag->own)
-        simPlcDropSignals(s->plc, tag->block);
+    if (tag->moves)
+        simPlcDropSignals(s->plc, tag->block, tag->offset);
     simEipTagRemove(&s->eip.controller.tags, name);
 }
 

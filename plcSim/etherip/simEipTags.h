@@ -42,6 +42,7 @@ typedef struct simEipTag {
     simBlock own;    /* bytes of its own, or none */
     simBlock *block; /* where it lies */
     size_t offset;   /* bytes in it */
+    int moves;       /* a signal moves it */
     char **initial;  /* values of the file, for a cold restart */
     size_t initialCount;
     size_t order; /* of definition: makes the instance id */

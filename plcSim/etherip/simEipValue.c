@@ -5,7 +5,10 @@
  */
 #include <ctype.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
+
+#include <cantProceed.h>
 
 #include "simEipValue.h"
 
@@ -102,6 +105,8 @@ int simEipValueSet(const simEipPlace *place, char **words, size_t count,
                    char error[SIM_ERROR_SIZE])
 {
     size_t all = place->isElement ? 1 : place->elements;
+    epicsUInt8 *before;
+    int status = 0;
     size_t i;
 
     if (!place->type->text && !plainName(place->type))
@@ -111,10 +116,14 @@ int simEipValueSet(const simEipPlace *place, char **words, size_t count,
     if (count != 1 && count != all)
         return simFail(error, "%lu value(s) given, but 1 or %lu wanted",
                        (unsigned long)count, (unsigned long)all);
-    for (i = 0; i < all; i++)
-        if (setElement(place, i, words[count == 1 ? 0 : i], error))
-            return -1;
-    return 0;
+    before = mallocMustSucceed(all * place->type->size, "simEipValueSet");
+    memcpy(before, place->bytes, all * place->type->size);
+    for (i = 0; i < all && !status; i++)
+        status = setElement(place, i, words[count == 1 ? 0 : i], error);
+    if (status)
+        memcpy(place->bytes, before, all * place->type->size);
+    free(before);
+    return status;
 }
 
 static void getStruct(const simEipType *type, epicsUInt8 *bytes, simText *out)

@@ -10,7 +10,8 @@
 #include "simSignal.h"
 
 /* Sets `count` words from this place on: one for each element, or one for all of them; a
- * structure is set by its members. Returns 0, or -1 with the reason in error. */
+ * structure is set by its members. Nothing is written on error. Returns 0, or -1 with the
+ * reason in error. */
 int simEipValueSet(const simEipPlace *place, char **words, size_t count,
                    char error[SIM_ERROR_SIZE]);
 /* Adds the value: "1 2 3", "\"text\"", "{Open=1 Position=2.5}". */

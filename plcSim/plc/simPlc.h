@@ -92,8 +92,8 @@ int simPlcHmi(simPlc *plc, simPoint point, char **words, size_t count,
 int simPlcSignal(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE]);
 /* Adds a signal that is read already. */
 void simPlcAddSignal(simPlc *plc, const simSignal *signal);
-/* No more signals move this block. */
-void simPlcDropSignals(simPlc *plc, const simBlock *block);
+/* No more signals move what begins there. */
+void simPlcDropSignals(simPlc *plc, const simBlock *block, size_t offset);
 /* Reads "in 4 INT16", "DB10.DBW4", "DB10.4 REAL32". Returns the number of words used, or
  * -1. */
 int simPlcPlace(simPlc *plc, char **words, size_t count, simPlace *place, simType *type,

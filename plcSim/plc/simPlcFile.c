@@ -27,12 +27,14 @@ void simPlcAddSignal(simPlc *plc, const simSignal *signal)
     plc->signals[plc->signalCount++] = *signal;
 }
 
-void simPlcDropSignals(simPlc *plc, const simBlock *block)
+void simPlcDropSignals(simPlc *plc, const simBlock *block, size_t offset)
 {
     size_t i, kept = 0;
 
     for (i = 0; i < plc->signalCount; i++) {
-        if (plc->signals[i].place.block == block)
+        const simPlace *place = &plc->signals[i].place;
+
+        if (place->block == block && place->offset == offset)
             simSignalFree(&plc->signals[i]);
         else
             plc->signals[kept++] = plc->signals[i];

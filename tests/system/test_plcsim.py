@@ -1,10 +1,14 @@
 """plcSim seen from the other end of the wire, by plain sockets: without it nothing else holds."""
+import re
 import select
 import socket
 import struct
+import subprocess
 
 import pytest
 
+from client import TOP
+from sim import PROGRAM
 from waiting import LIMIT, until, until_equal
 
 PLAIN = """
@@ -396,3 +400,31 @@ def test_pair_of_processes(new_sim, tmp_path, connect):
     first.process.kill()
     connect(second.port, "127.0.0.3").read()
     assert second.command("get DB10.DBW0") == "DB10.DBW0 = 42"
+
+
+def test_off(tmp_path):
+    """Without blocks (port = off) nothing listens for them, and their commands say so"""
+    file = tmp_path / "off.plc"
+    file.write_text("port = off\nin = 8\nsignal 0 UINT32 counter\nmodbus_port = 0\n")
+    done = subprocess.run([str(PROGRAM), "-n", "-s", "0.05", "-e", "silence", "-e", "status",
+                           str(file)], capture_output=True, text=True, timeout=LIMIT)
+    assert done.returncode == 0 and done.stdout.count("listening on") == 1
+    assert "error: this PLC sends no blocks: port in the file switches them on" in done.stdout
+    assert "client: none" not in done.stdout and "modbus requests: total=0" in done.stdout
+
+
+def test_folders():
+    """No file of plcSim includes one of a later folder, and no server another one"""
+    top = TOP / "plcSim"
+    folders = (top / "FOLDERS").read_text().split("=")[1].split()
+    place = {file.name: folder for folder in folders for file in (top / folder).glob("*.h")}
+    servers = {folder for folder in folders if list((top / folder).glob("*Server.c"))}
+    wrong = []
+    for folder in folders:
+        for file in (top / folder).glob("*.[ch]"):
+            for name in re.findall(r'#include "(\w+\.h)"', file.read_text()):
+                to = place[name]
+                if folders.index(to) > folders.index(folder) or \
+                        (to != folder and {to, folder} <= servers):
+                    wrong.append(f"{folder}/{file.name} includes {to}/{name}")
+    assert servers == {"block", "modbus", "etherip"} and not wrong, wrong

@@ -146,6 +146,20 @@ static int takes(const char *tag, char *word)
            !simEipValueSet(&place, &word, 1, error);
 }
 
+/* Several values at once: nothing is written when one of them is wrong. */
+static int takesAll(const char *tag, const char *line)
+{
+    char error[SIM_ERROR_SIZE], text[100];
+    char *words[20];
+    simEipPlace place;
+    int count;
+
+    strcpy(text, line);
+    count = simSplit(text, words, 20, error);
+    return !simEipTagsPlace(&c->tags, tag, &place, error) &&
+           !simEipValueSet(&place, words, (size_t)count, error);
+}
+
 static void testValues(void)
 {
     char three[] = "3", text[] = "a\"b", large[] = "40000";
@@ -153,6 +167,10 @@ static void testValues(void)
     build(plant);
     testOk(shows("X", "0 1 2 10 11 12"), "a whole array");
     testOk(takes("X[1,2]", three) && shows("X[1,2]", "3"), "one element");
+    testOk(!takesAll("X", "1 2 3 4 5 six") && shows("X", "0 1 2 10 11 3"),
+           "nothing of values that are not all good");
+    testOk(takesAll("X[1,0]", "8 9") && shows("X", "0 1 2 8 9 3"),
+           "some, from an element on");
     testOk(takes("p[1].a", three) && shows("P[1]", "{A=3 Ok=0 Fine=0}"), "a member");
     testOk(takes("T", text) && shows("T", "\"a\\x22b\""), "a string");
     testOk(!takes("I[0]", large) && shows("I[0]", "1"), "no value that does not fit");
@@ -164,7 +182,7 @@ static void testValues(void)
 
 MAIN(plcSimTestEipFile)
 {
-    testPlan(34 + 7);
+    testPlan(34 + 9);
     testBad();
     testValues();
     return testDone();
