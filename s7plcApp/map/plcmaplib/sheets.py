@@ -118,9 +118,11 @@ def _delimiter(text):
     return max(",;\t", key=lambda d: (first.count(d), -",;\t".index(d)))
 
 
-def csv_rows(text, delimiter, path):
-    """[(line, [cells])]; a row over several lines has the first one's number."""
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
+def csv_rows(text, delimiter, path, blanks=False):
+    """[(line, [cells])]; a row over several lines has the first one's number. blanks: a quoted
+    cell may have blanks in front."""
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter,
+                        skipinitialspace=blanks)
     rows, line = [], 1
     try:
         for cells in reader:
@@ -166,7 +168,7 @@ def _fill(sheet, rows, report):
             if cell:
                 report.error(Place(sheet.file, line, number, sheet.tab), None,
                              '"%s" stands beyond the last column' % cell[:40])
-        sheet.append({c: v for c, v in zip(sheet.header, cells) if c}, line)
+        sheet.append({c: v for c, v in zip(sheet.header, cells) if c and v}, line)
     return sheet
 
 

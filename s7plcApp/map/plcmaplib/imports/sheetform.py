@@ -1,0 +1,192 @@
+"""Sheets that a laboratory has made for itself, read by a small description of their columns.
+
+A description is a text of lines `key = value`; # begins a remark. form = list: a row for each
+signal. form = types: blocks of rows under a header cell, one for each device type and direction,
+with addresses relative to the instance. docs/map.md has both in full.
+"""
+import re
+
+from ..problems import Place, Refused, nearest
+from ..sheets import clean
+from ..types import ELEMENTARY
+from .common import Source, known_type, siemens_address
+
+LIST_KEYS = ["symbol", "plc", "type", "dir", "pv", "desc", "egu", "prec", "lopr", "hopr", "lolo",
+             "low", "high", "hihi", "states", "archive", "group", "note"]
+OTHER = ["form", "sheets", "header", "none", "address", "name", "direction", "types"]
+
+
+def read_description(text, path):
+    """{key: value} and {key: {word: value}} of `type.Digital = BOOL`."""
+    keys, words = {}, {}
+    for number, line in enumerate(text.splitlines(), 1):
+        line = clean(line.split(" #")[0] if not line.startswith("#") else "")
+        if not line:
+            continue
+        key, equals, value = line.partition("=")
+        key, value = clean(key), clean(value)
+        base, dot, word = key.partition(".")
+        if not equals or base not in LIST_KEYS + OTHER:
+            raise Refused('"%s" is no key%s; allowed: %s' % (
+                base[:40], nearest(base, LIST_KEYS + OTHER), " ".join(OTHER + LIST_KEYS)),
+                Place(path, number))
+        if dot:
+            words.setdefault(base, {})[word.lower()] = value
+        else:
+            keys[key] = value
+    if keys.get("form") not in ("list", "types"):
+        raise Refused("form = list or form = types is missing", Place(path))
+    return keys, words
+
+
+def read(cells, path, description, report):
+    """cells: {sheet: [(line, [texts])]}"""
+    keys, words = description
+    wanted = [w.strip() for w in keys.get("sheets", "*").split(",")]
+    source = Source("sheet, by its description")
+    source.extra = {}
+    for tab, rows in cells.items():
+        if wanted == ["*"] or tab in wanted:
+            if keys["form"] == "list":
+                _read_list(source, tab, rows, path, keys, words, report)
+            else:
+                _read_types(source, tab, rows, path, keys, words, report)
+    if not source.items and not source.types:
+        raise Refused("nothing that fits the description in the sheets %s" % ", ".join(cells),
+                      Place(path))
+    return source
+
+
+# --- a row for each signal -----------------------------------------------------------------------
+
+def _filled(template, row, none):
+    """{Column} replaced by its cell; a template without braces names a column."""
+    if "{" not in template:
+        value = row.get(template, "")
+        return "" if value.lower() in none else value
+    parts = re.findall(r"\{([^}]*)\}", template)
+    if all(row.get(p, "").lower() in none or not row.get(p) for p in parts):
+        return ""
+    return re.sub(r"\{([^}]*)\}", lambda m: row.get(m.group(1), ""), template)
+
+
+def _read_list(source, tab, rows, path, keys, words, report):
+    marker = keys.get("header", "")
+    none = {w.strip().lower() for w in keys.get("none", "").split(",") if w.strip()}
+    header = None
+    for line, texts in rows:
+        texts = [clean(t) for t in texts]
+        if header is None:
+            if marker in texts or (not marker and any(texts)):
+                header = texts
+            continue
+        row = {h: t for h, t in zip(header, texts) if h}
+        if not any(row.values()):
+            continue
+        _list_row(source, row, Place(path, line, 1, tab), keys, words, none, report)
+    if header is None:
+        report.warning(Place(path, None, None, tab), None,
+                       'no row with the header "%s": the sheet is left out' % marker)
+
+
+def _list_row(source, row, place, keys, words, none, report):
+    cells = {}
+    for key in LIST_KEYS:
+        if key not in keys:
+            continue
+        value = _filled(keys[key], row, none)
+        if key in words and value:
+            if value.lower() not in words[key]:
+                report.warning(place, None, '%s "%s" is not in the description: left out; known: %s'
+                               % (key, value, " ".join(words[key])))
+                return
+            value = words[key][value.lower()]
+        cells[key] = value
+    kind = known_type(cells.get("type", ""))
+    if not cells.get("symbol") or kind is None:
+        if cells.get("symbol") or cells.get("type"):
+            report.warning(place, None, '"%s": type "%s" is not known: left out' % (
+                cells.get("symbol", ""), cells.get("type", "")))
+        return
+    plc = cells.get("plc", "")
+    found, normal = siemens_address(plc) if plc else (None, "")
+    source.add(cells["symbol"], normal if found == "value" else plc, kind, cells.get("desc", ""),
+               place)
+    source.extra[cells["symbol"]] = {k: v for k, v in cells.items()
+                                     if k not in ("symbol", "plc", "type", "desc") and v}
+
+
+# --- blocks of rows for each type ------------------------------------------------------------------
+
+_HEAD = re.compile(r'Type\s*["\u201c\u201e]([^"\u201d\u201c]+)["\u201d\u201c]', re.I)
+_PLACE = re.compile(r"^DB([XBWD])\s*(\d+)(?:\.(\d))?$", re.I)
+GAP = 4  # blank rows that end a block
+_BY_WIDTH = {"X": "BOOL", "B": "BYTE", "W": "WORD", "D": "DWORD"}
+
+
+def _read_types(source, tab, rows, path, keys, words, report):
+    """Header cells at any column; below them address, type, name, description."""
+    order = [w.strip() for w in keys.get("types", "address type name desc").split()]
+    grid = {line: [clean(t) for t in texts] for line, texts in rows}
+    heads = []
+    for line, texts in sorted(grid.items()):
+        for column, text in enumerate(texts):
+            m = _HEAD.search(text)
+            if m:
+                heads.append((line, column, m.group(1).strip(), text))
+    for line, column, name, text in heads:
+        above = [t for n in (line, line - 1, line - 2) for t in grid.get(n, [])[column:column + 4]]
+        direction = _direction(above, words)
+        end = min([l for l, c, _, _ in heads if c == column and l > line] + [max(grid) + 1])
+        typename = name + ("_" + direction if direction else "")
+        fields = _type_fields(grid, line, end, column, order, Place(path, line, column + 1, tab),
+                              typename, report, path, tab)
+        if typename in source.types:
+            report.error(Place(path, line, column + 1, tab), None,
+                         "type %s is there twice" % typename)
+        elif fields:
+            source.types[typename] = fields
+
+
+def _direction(texts, words):
+    for text in texts:
+        for word, direction in words.get("direction", {}).items():
+            if word in text.lower():
+                return direction
+    return ""
+
+
+def _type_fields(grid, line, end, column, order, place, typename, report, path, tab):
+    fields, blanks, names = [], 0, set()
+    for number in range(line + 1, end):
+        texts = grid.get(number, [])
+        cells = dict(zip(order, (texts + [""] * (column + len(order)))[column:column + len(order)]))
+        m = _PLACE.match(cells.get("address", ""))
+        if not m:
+            blanks += 1
+            if any(cells.values()) and fields and blanks <= GAP:
+                report.warning(Place(path, number, column + 1, tab), None, '"%s" is no address '
+                               "in a type: left out" % cells.get("address", "")[:30])
+            if blanks > GAP:
+                break
+            continue
+        blanks = 0
+        here = Place(path, number, column + 1, tab)
+        kind = known_type(cells.get("type", "")) or ELEMENTARY[_BY_WIDTH[m.group(1).upper()]]
+        is_bit = kind == ELEMENTARY["BOOL"]
+        if is_bit != (m.group(1).upper() == "X"):
+            report.error(here, None, "%s.%s: %s does not lie at %s" % (
+                typename, cells.get("name", ""), kind, cells["address"]))
+            continue
+        name = cells.get("name", "")
+        if not name:
+            continue  # a spare bit
+        if name.upper() in names:
+            report.error(here, None, "%s.%s is there twice" % (typename, name))
+            continue
+        names.add(name.upper())
+        fields.append((name, kind, cells.get("desc", ""),
+                       (int(m.group(2)), int(m.group(3) or 0) if is_bit else None), number))
+    if not fields:
+        report.warning(place, None, "type %s has no rows that are understood" % typename)
+    return fields
