@@ -803,6 +803,35 @@ def test_exit_while_away(new_modbus, new_ioc):
     assert ioc.exit() == 0
 
 
+@pytest.mark.parametrize("code", [5, 6])
+def test_exit_while_busy(new_modbus, new_ioc, code):
+    """exit, six times, while three PLCs answer that they are busy (exception {code})"""
+    peers = [new_modbus() for _ in range(3)]
+    for peer in peers:
+        peer.refuse((1, 2, 3, 4), 0, 65536, code=code)
+    for turn in range(6):
+        marks = [peer.mark() for peer in peers]
+        ioc = new_ioc("\n".join(peer.configure("holding 0 4", "holding 100 4", name=name)
+                                for peer, name in zip(peers, ("PLC", "B", "C"))), AWAY)
+        for peer, mark in zip(peers, marks):
+            peer.wait_requests(2 + turn, mark)
+        assert ioc.exit() == 0
+
+
+def test_exit_with_puts(new_modbus, new_ioc):
+    """exit while 1,000 puts wait for a PLC that answers no more"""
+    peer = new_modbus()
+    db = "".join(f'record(longout, "$(P)o{i}") {{ field(DTYP, "S7plc") field(OUT, "@PLC/{2 * i}") }}\n'
+                 for i in range(1000))
+    ioc = new_ioc(peer.configure("holding 0 4", "holding 500 1000", timeout=60000), AWAY + db)
+    ioc.wait_alarm("in", "NO_ALARM")
+    mark = peer.mark()
+    peer.silent = True
+    ioc.command("\n".join(f"dbpf {ioc.P}o{i} {i}" for i in range(1000)))
+    until(lambda: peer.since(mark), "a request that gets no answer")
+    assert ioc.exit() == 0
+
+
 # --- What users type -----------------------------------------------------------------------------
 
 WRONG = {

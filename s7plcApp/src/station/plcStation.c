@@ -513,11 +513,12 @@ static void followNow(epicsCallback *callback)
 void plcStationOnTake(plcStation *s, void (*follow)(plcStation *station))
 {
     epicsMutexMustLock(s->lock);
-    if (!s->follow) { /* the callback may be in use from now on */
+    if (!epicsAtomicGetIntT(&s->follows)) { /* the callback may be in use from now on */
         callbackSetCallback(followNow, &s->followCallback);
         callbackSetPriority(priorityMedium, &s->followCallback);
         callbackSetUser(s, &s->followCallback);
         s->follow = follow;
+        epicsAtomicSetIntT(&s->follows, 1);
     }
     epicsMutexUnlock(s->lock);
 }

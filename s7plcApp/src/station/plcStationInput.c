@@ -28,7 +28,7 @@
 static void askFollow(plcStation *s)
 {
     s->followAgain = 0;
-    if (!epicsAtomicGetIntT(&s->running) || !s->follow ||
+    if (!epicsAtomicGetIntT(&s->running) || !epicsAtomicGetIntT(&s->follows) ||
         epicsAtomicCmpAndSwapIntT(&s->following, 0, 1))
         return;
     if (callbackRequest(&s->followCallback)) {

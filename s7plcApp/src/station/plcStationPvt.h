@@ -82,7 +82,8 @@ struct plcStation {
     plcImage *in, *out;
     plcReadback *readback;
     epicsCallback followCallback;
-    void (*follow)(plcStation *); /* NULL: no record follows read-backs */
+    void (*follow)(plcStation *);
+    int follows; /* atomic: the two are set, since there are records that follow */
     int following;                /* atomic: the callback is queued */
     int tell;                     /* atomic: it is wanted, by another thread than ours */
     plcScan *inScan, *outScan, *statusScan, *statsScan;
