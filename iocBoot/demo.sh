@@ -33,6 +33,11 @@ demo_begin() {
     trap demo_finish EXIT
     trap 'exit 130' INT TERM
     if [ -t 0 ] && [ -t 1 ]; then terminal=1; else terminal=; fi
+    # What the caller's environment says of CA and PVA is for other IOCs.
+    local foreign
+    had_port=${EPICS_CA_SERVER_PORT:-}
+    foreign=$(compgen -e EPICS_CA; compgen -e EPICS_PVA)
+    [ -z "$foreign" ] || unset $foreign
     # Ports of our own: other IOCs and other users of this machine are not disturbed. On a
     # terminal the usual ones, so that a plain caget in another window finds the PVs.
     export EPICS_CA_ADDR_LIST=127.0.0.1 EPICS_CA_AUTO_ADDR_LIST=NO
@@ -123,6 +128,7 @@ demo_end() {
     fi
     echo "Try in another window:"
     echo "    export PATH=$(dirname "$(command -v caget)"):\$PATH EPICS_CA_ADDR_LIST=127.0.0.1 EPICS_CA_AUTO_ADDR_LIST=NO"
+    [ -z "$had_port" ] || echo "    unset EPICS_CA_SERVER_PORT"
     cat
     exec 4>&-
     wait "$iocpid"

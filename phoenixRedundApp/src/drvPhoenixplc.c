@@ -94,7 +94,7 @@ static void configureCall(const iocshArgBuf *args)
 
     for (i = 0; i < 9; i++)
         text[i] = args[i].sval;
-    phoenixplcConfigure(text);
+    iocshSetError(phoenixplcConfigure(text));
 }
 
 static void phoenixplcRegister(void)

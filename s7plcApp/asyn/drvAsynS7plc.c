@@ -42,7 +42,8 @@ static const iocshFuncDef configureDef = {
 
 static void configureCall(const iocshArgBuf *values)
 {
-    drvAsynS7plcConfigure(values[0].sval, values[1].sval, values[2].sval);
+    iocshSetError(
+        drvAsynS7plcConfigure(values[0].sval, values[1].sval, values[2].sval));
 }
 
 static void s7plcAsynRegister(void)

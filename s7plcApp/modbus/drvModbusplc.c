@@ -186,7 +186,7 @@ static void configureCall(const iocshArgBuf *args)
     const char *text[7];
 
     texts(args, 7, text);
-    configure("modbusplcConfigure", text);
+    iocshSetError(configure("modbusplcConfigure", text) ? 0 : -1);
 }
 
 static void outputCall(const iocshArgBuf *args)
@@ -194,7 +194,7 @@ static void outputCall(const iocshArgBuf *args)
     const char *text[5];
 
     texts(args, 5, text);
-    configureOutput("s7plcModbusOutput", text);
+    iocshSetError(configureOutput("s7plcModbusOutput", text));
 }
 
 static void modbusplcRegister(void)

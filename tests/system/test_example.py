@@ -22,6 +22,16 @@ def test_demo():
     assert "caput s7:Setpoint 37.25" in run.stdout
 
 
+def test_demo_in_a_laboratory():
+    """make demo is deaf to what the environment says of other IOCs"""
+    foreign = dict(EPICS_CAS_INTF_ADDR_LIST="192.0.2.1", EPICS_CAS_SERVER_PORT="7",
+                   EPICS_CAS_IGNORE_ADDR_LIST="127.0.0.1", EPICS_CA_NAME_SERVERS="192.0.2.1",
+                   EPICS_CA_ADDR_LIST="192.0.2.1", EPICS_PVAS_INTF_ADDR_LIST="192.0.2.1")
+    run = subprocess.run([str(EXAMPLE / "demo")], stdin=subprocess.DEVNULL,
+                         env={**os.environ, **foreign}, capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0 and run.stdout.endswith("demo ok\n"), run.stdout + run.stderr
+
+
 @pytest.fixture(scope="module")
 def example(tmp_path_factory):
     """st.cmd of the tutorial as it is, against plcSim with the file beside it."""

@@ -114,7 +114,8 @@ int s7plcConfigure(char *PLCname, char *IPaddr, unsigned int port, unsigned int 
 
 /* --- iocsh ------------------------------------------------------------------------------*/
 
-/* Numbers are strings here, so that a missing or mistyped one gets a message of ours. */
+/* A command with a wrong argument sets iocsh's error: `on error halt` ends st.cmd there.
+ * Numbers are strings here, so that a missing or mistyped one gets a message of ours. */
 static const iocshArg configureArg0 = {"PLCname", iocshArgString};
 static const iocshArg configureArg1 = {"IPaddr", iocshArgString};
 static const iocshArg configureArg2 = {"port", iocshArgString};
@@ -134,14 +135,14 @@ static void configureCall(const iocshArgBuf *args)
 
     for (i = 0; i < 8; i++)
         text[i] = args[i].sval;
-    plcConfigure("s7plcConfigure", text, &plcSingle, NULL);
+    iocshSetError(plcConfigure("s7plcConfigure", text, &plcSingle, NULL) ? 0 : -1);
 }
 
 static const iocshArg stationArg = {"PLCname (none: all)", PLC_ARG_STATION};
 static const iocshArg oneStationArg = {"PLCname", PLC_ARG_STATION};
 static const iocshArg keyArg = {"option", iocshArgString};
 static const iocshArg valueArg = {"value", iocshArgString};
-static const iocshArg levelArg = {"level", iocshArgInt};
+static const iocshArg levelArg = {"level [1]", iocshArgString};
 
 /* The station a command is about. Returns NULL after an error line. */
 static plcStation *needStation(const char *command, const char *name)
@@ -153,6 +154,7 @@ static plcStation *needStation(const char *command, const char *name)
         plcStationNames(names, sizeof(names));
         fprintf(stderr, "%s: no PLC \"%s\"; configured: %s\n", command, name ? name : "",
                 names[0] ? names : "none");
+        iocshSetError(-1);
     }
     return station;
 }
@@ -184,12 +186,12 @@ static void optionCall(const iocshArgBuf *args)
         value = joined;
     }
     if (plcStationSetOption(station, key, value ? value : "", error, sizeof(error)))
-        fprintf(stderr, "s7plcSetOption %s: %s\n", name, error);
+        iocshSetError(fprintf(stderr, "s7plcSetOption %s: %s\n", name, error));
 }
 
 typedef struct reportArgs {
     FILE *file;
-    int level;
+    epicsInt32 level;
 } reportArgs;
 
 static void reportOne(plcStation *station, void *arg)
@@ -213,10 +215,13 @@ static const iocshArg *const reportArgList[] = {&stationArg, &levelArg};
 
 static void reportCall(const iocshArgBuf *args)
 {
-    reportArgs r = {stdout, args[1].ival ? args[1].ival : 1};
+    reportArgs r = {stdout, 1};
     plcStation *station;
 
-    if (!args[0].sval)
+    if (args[1].sval && (epicsParseInt32(args[1].sval, &r.level, 0, NULL) || r.level < 0))
+        iocshSetError(fprintf(stderr, "s7plcReport: level \"%s\"; allowed: 0 to 3\n",
+                              args[1].sval));
+    else if (!args[0].sval)
         plcStationEach(reportOne, &r);
     else if ((station = needStation("s7plcReport", args[0].sval)))
         reportOne(station, &r);
@@ -248,7 +253,8 @@ static void showCall(const iocshArgBuf *args)
         plcShow(station, "in", stdout);
         plcShow(station, "out", stdout);
     } else if (plcShow(station, what, stdout)) {
-        fprintf(stderr, "s7plcShow: \"%s\"; allowed: in, out, records\n", what);
+        iocshSetError(
+            fprintf(stderr, "s7plcShow: \"%s\"; allowed: in, out, records\n", what));
     }
 }
 
@@ -261,7 +267,8 @@ static void sendCall(const iocshArgBuf *args)
     if (!station)
         return;
     if (!plcStationOutSize(station)) {
-        fprintf(stderr, "s7plcSend: PLC \"%s\" has outSize 0\n", args[0].sval);
+        iocshSetError(
+            fprintf(stderr, "s7plcSend: PLC \"%s\" has outSize 0\n", args[0].sval));
         return;
     }
     plcStationSend(station);
@@ -271,7 +278,8 @@ static const iocshFuncDef configureDef = {
     "s7plcConfigure", 8, configureArgs
 #ifdef IOCSHFUNCDEF_HAS_USAGE
     ,
-    "Makes a station: an S7 PLC with a send/receive connection.\n"
+    "Makes a station: an S7 PLC with a send/receive connection. Before iocInit. recvTimeout:\n"
+    "ms from block to block (0: 2000); sendInterval: ms between two blocks (0: 1000).\n"
     "  s7plcConfigure PLC,192.168.0.10,2000,96,112,1,2000,100\n"
 #endif
 };
@@ -289,6 +297,7 @@ static const iocshFuncDef reportDef = {
     ,
     "State and statistics of one or all PLCs. level 0: a line, 1: more, 2: histograms,\n"
     "3: the blocks with their records.\n"
+    "  s7plcReport PLC 2\n"
 #endif
 };
 static const iocshFuncDef resetDef = {
@@ -296,6 +305,7 @@ static const iocshFuncDef resetDef = {
 #ifdef IOCSHFUNCDEF_HAS_USAGE
     ,
     "Sets the statistics of one or all PLCs to zero.\n"
+    "  s7plcStatsReset PLC\n"
 #endif
 };
 static const iocshFuncDef showDef = {
@@ -312,6 +322,7 @@ static const iocshFuncDef sendDef = {
 #ifdef IOCSHFUNCDEF_HAS_USAGE
     ,
     "Sends the output block of a PLC now, changed or not.\n"
+    "  s7plcSend PLC\n"
 #endif
 };
 

@@ -1,0 +1,185 @@
+"""Every example of README.md and docs/ that can run does: databases load without a word of
+complaint, commands are accepted. What a block needs and does not have is put around it."""
+import os
+import re
+import struct
+import subprocess
+
+import pytest
+
+from client import ARCH, TOP
+from ioc import Ioc
+
+FILES = [TOP / "README.md", *sorted((TOP / "docs").glob("*.md"))]
+OURS = re.compile(r"^(s7plc|phoenixplc|modbusplc|drvAsyn)\w*", re.MULTILINE)
+# Blocks that show a syntax, or what is printed: nothing to run.
+SHOWN = re.compile(r"PLCname|^s7plc \w+: |^s7plcAsyn \w+ |modbusInterposeConfig", re.MULTILINE)
+
+
+def blocks():
+    """(file and line, text) of each block between ``` lines."""
+    for file in FILES:
+        text = file.read_text()
+        for found in re.finditer(r"^```\w*\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
+            line = text.count("\n", 0, found.start()) + 1
+            yield f"{file.name}:{line}", found.group(1)
+
+
+def those(wanted):
+    return [pytest.param(text, id=place) for place, text in blocks() if wanted(text)]
+
+
+@pytest.fixture
+def run(tmp_path):
+    """run(st.cmd, program) starts the program in a folder that looks like our top folder; it
+    ends by itself at the first command that fails. Returns what it printed."""
+    for name in ("bin", "dbd", "db"):
+        (tmp_path / name).symlink_to(TOP / name)
+
+    def start(lines, program="s7plcIoc", head=True):
+        script = tmp_path / "st.cmd"
+        text = (f'on error break\ndbLoadDatabase "dbd/{program}.dbd"\n'
+                f"{program}_registerRecordDeviceDriver pdbbase\n" if head else "")
+        script.write_text(text + lines + "\necho all of it was run\n")
+        ended = subprocess.run([f"bin/{ARCH}/{program}", "st.cmd"], cwd=tmp_path, input="exit\n",
+                               capture_output=True, text=True, timeout=60,
+                               env={k: v for k, v in os.environ.items() if k != "P"})
+        return ended.stdout + ended.stderr
+    start.folder = tmp_path
+    return start
+
+
+def complaints(log):
+    return [line for line in log.splitlines()
+            if re.search(r"warning|error|undefined|INP:|OUT:|no PLC|allowed:|not found", line, re.I)
+            and not line.startswith((" ", "on error")) and "cannot connect" not in line]
+
+
+def configures(names):
+    return "".join(f's7plcConfigure "{name}", 127.0.0.1, 1, 4096, 1024, 1\n' for name in names)
+
+
+# --- Databases -----------------------------------------------------------------------------------
+
+def is_database(text):
+    return "record(" in text and "..." not in text
+
+
+@pytest.mark.parametrize("text", those(is_database))
+def test_database(run, text):
+    """the database {id} loads, and each link is accepted"""
+    ports = set(re.findall(r"@asyn\(([\w-]+)", text))
+    if ports and not (TOP / "bin" / ARCH / "s7plcAsynIoc").exists():
+        pytest.skip("s7plcAsyn is not built: ASYN is not set in configure/RELEASE.local")
+    names = set(re.findall(r'"@([\w-]+)[/"]', text)) | {"PLC-of-" + port for port in ports}
+    (run.folder / "my.db").write_text(text)
+    lines = configures(names)
+    lines += "".join(f"drvAsynS7plcConfigure {port}, PLC-of-{port}\n" for port in ports)
+    log = run(lines + 'dbLoadRecords "my.db", "P=MY:"\niocInit',
+              "s7plcAsynIoc" if ports else "s7plcIoc")
+    assert "all of it was run" in log and not complaints(log), log
+
+
+# --- Commands ------------------------------------------------------------------------------------
+
+def is_commands(text):
+    return OURS.search(text) and not SHOWN.search(text) and not is_database(text) \
+        and "..." not in text
+
+
+def command_of(line):
+    """The command of a line, without the words of explanation beside it; None: there is none."""
+    found = re.match(r"((?:s7plc|phoenixplc|modbusplc|drvAsyn)\w*|iocInit|dbLoad\w+)(.*)", line)
+    if not found:
+        return None
+    name, rest = found.groups()
+    if re.match(r" {10,}", rest):
+        return name
+    lead = re.match(r"[ (]*", rest).group()
+    rest = re.split(r" {3,}| +#", rest[len(lead):])[0]
+    if "onfigure" in name or "ModbusOutput" in name:
+        rest = line[len(name) + len(lead):].split("#")[0]
+    return f"{name}{lead}{rest}"
+
+
+@pytest.mark.parametrize("text", those(is_commands))
+def test_commands(run, text):
+    """the commands {id} are accepted"""
+    lines = [c for c in map(command_of, text.splitlines()) if c]
+    made = set(re.findall(r'(?:s7plc|phoenixplc|modbusplc)Configure[ ("]+([\w-]+)', "\n".join(lines)))
+    used = set(re.findall(r's7plc(?:SetOption|Report|Show|Send|StatsReset|ModbusOutput)[ ("]+([\w-]+)',
+                          "\n".join(lines)))
+    used |= set(re.findall(r'drvAsynS7plcConfigure[ ("]+[\w-]+[", ]+([\w-]+)', "\n".join(lines)))
+    program = "s7plcIoc"
+    if "phoenix" in text:
+        program = "phoenixIoc"
+    elif "drvAsyn" in text:
+        program = "s7plcAsynIoc"
+        if not (TOP / "bin" / ARCH / program).exists():
+            pytest.skip("s7plcAsyn is not built: ASYN is not set in configure/RELEASE.local")
+    (run.folder / "my.db").write_text("")
+    log = run(configures(used - made) + "\n".join(
+        c for c in lines if not c.startswith(("dbLoadDatabase", "dbLoadRecords"))), program)
+    assert "all of it was run" in log, log
+
+
+# --- README: your own PLC in ten lines ---------------------------------------------------------
+
+def readme_block(after):
+    """The indented lines behind this text of README.md."""
+    text = (TOP / "README.md").read_text().split(after, 1)[1]
+    found = re.search(r"((?:^    .*\n|^\n)+)", text, re.MULTILINE).group(1)
+    return re.sub(r"^    ", "", found, flags=re.MULTILINE).strip() + "\n"
+
+
+def test_readme(run):
+    """the ten lines of the README run just as they are written"""
+    (run.folder / "my.db").write_text(readme_block("`my.db`:\n"))
+    start = readme_block("(`caget MY:TEMP`):\n").strip()
+    assert start == f"bin/{ARCH}/s7plcIoc st.cmd"
+    log = run(readme_block("`st.cmd`:\n") + "dbl\ns7plcReport", head=False)
+    assert not complaints(log), log
+    for name in ("MY:TEMP", "MY:DOOR", "MY:SETP", "PLC1 192.168.0.10:2000"):
+        assert name in log, log
+
+
+def test_readme_values(new_peer, new_ioc):
+    """and the values of the README's PLC arrive, both ways"""
+    peer = new_peer(96, 32)
+    configure = [line for line in readme_block("`st.cmd`:\n").splitlines()
+                 if line.startswith("s7plcConfigure")][0]
+    configure = configure.replace("192.168.0.10, 2000", f"127.0.0.1, {peer.port}")
+    db = readme_block("`my.db`:\n").replace("$(P):", "$(P)")
+    ioc = new_ioc(configure, db)
+    peer.wait_connected()
+    peer.send(struct.pack(">8xfB83x", 21.5, 8))
+    ioc.wait_value("TEMP", 21.5)
+    assert ioc.get("DOOR") == 1
+    ioc.put("SETP", 2.5)
+    peer.wait_block(struct.pack(">f28x", 2.5))
+
+
+# --- Commands with wrong arguments -----------------------------------------------------------------
+
+WRONG = [
+    "s7plcConfigure PLC", "s7plcConfigure X, 1.2.3.4, port, 8, 8", "s7plcConfigure PLC, 1.2.3.4, 1, 1, 1",
+    "s7plcSetOption Nemo scan all", "s7plcSetOption PLC scan some", "s7plcSetOption PLC nothing 1",
+    "s7plcReport Nemo", "s7plcReport PLC much", "s7plcShow Nemo", "s7plcShow PLC inside",
+    "s7plcSend Nemo", "s7plcSend Silent", "s7plcStatsReset Nemo", "s7plcModbusOutput Nemo",
+    "modbusplcConfigure M", "phoenixplcConfigure F",
+]
+
+
+@pytest.mark.parametrize("line", WRONG)
+def test_wrong_command(run, line):
+    """{line}: iocsh knows that it failed, and `on error` works"""
+    log = run('s7plcConfigure "PLC", 127.0.0.1, 1, 8, 8\ns7plcConfigure "Silent", 127.0.0.1, 1, 8, 0\n'
+              + line, "phoenixIoc")
+    assert "all of it was run" not in log, log
+
+
+def test_report_levels(run):
+    """s7plcReport PLC 0 is one line, without a number it is more"""
+    head = 's7plcConfigure "PLC", 127.0.0.1, 1, 8, 8\n'
+    assert "options:" not in run(head + "s7plcReport PLC 0")
+    assert "options:" in run(head + "s7plcReport PLC")
