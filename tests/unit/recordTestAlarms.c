@@ -184,6 +184,29 @@ static void testTimes(void)
     iocEnd();
 }
 
+static SOCKET listenLocal(unsigned short *port)
+{
+    struct sockaddr_in address = {.sin_family = AF_INET};
+    osiSocklen_t size = sizeof(address);
+    SOCKET s = epicsSocketCreate(AF_INET, SOCK_STREAM, 0);
+
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    if (bind(s, (struct sockaddr *)&address, size) || listen(s, 1) ||
+        getsockname(s, (struct sockaddr *)&address, &size))
+        testAbort("cannot listen on loopback");
+    *port = ntohs(address.sin_port);
+    return s;
+}
+
+/* Where nobody listens. */
+static void freeAddress(char text[40])
+{
+    unsigned short port;
+
+    epicsSocketDestroy(listenLocal(&port));
+    epicsSnprintf(text, 40, "127.0.0.1:%u", port);
+}
+
 /* --- Outputs without a connection --------------------------------------------------- */
 
 static const struct {
@@ -242,7 +265,7 @@ static void testRefusedWrites(plcStation *station)
 
 static void testOutputs(void)
 {
-    char fields[100], name[120];
+    char fields[100], name[120], address[40];
     plcStation *station;
     size_t i;
 
@@ -270,29 +293,16 @@ static void testOutputs(void)
     testOk(put("Addr", "127.0.0.1:99999") != 0, "S7plc addr refuses a bad address");
     isField("Addr", "STAT", "WRITE", "has a WRITE alarm for a bad address");
     testOk(get("Addr.AMSG")[0] != 0, "Addr says why: %s", get("Addr.AMSG"));
-    testOk(put("Addr", "127.0.0.1:2000") == 0, "S7plc addr takes host:port");
+    freeAddress(address);
+    testOk(put("Addr", address) == 0, "S7plc addr takes host:port");
     isAlarm("Addr", "NO_ALARM", "NO_ALARM", "", "with a good address");
     plcStationAddress(station, name, sizeof(name));
-    testOk(strcmp(name, "127.0.0.1:2000") == 0, "the PLC has moved to %s", name);
+    testOk(strcmp(name, address) == 0, "the PLC has moved to %s", name);
     testRefusedWrites(station);
     iocEnd();
 }
 
 /* --- A connection ------------------------------------------------------------------- */
-
-static SOCKET listenLocal(unsigned short *port)
-{
-    struct sockaddr_in address = {.sin_family = AF_INET};
-    osiSocklen_t size = sizeof(address);
-    SOCKET s = epicsSocketCreate(AF_INET, SOCK_STREAM, 0);
-
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    if (bind(s, (struct sockaddr *)&address, size) || listen(s, 1) ||
-        getsockname(s, (struct sockaddr *)&address, &size))
-        testAbort("cannot listen on loopback");
-    *port = ntohs(address.sin_port);
-    return s;
-}
 
 /* Waits until the monitored field has this value. */
 static void waitFor(testMonitor *monitor, const char *pv, const char *value)
@@ -371,15 +381,12 @@ static void testOff(void)
     epicsUInt8 block[BLOCK] = {0};
     epicsTimeStamp start, stamp;
     char address[40], error[200];
-    unsigned short port;
     plcStation *live, *dead;
-    SOCKET server = listenLocal(&port);
 
     iocBegin();
     live = makeStation("P", 1, BLOCK, BLOCK);
     dead = makeStation("Q", 1, BLOCK, BLOCK);
-    epicsSnprintf(address, sizeof(address), "127.0.0.1:%u", port);
-    epicsSocketDestroy(server); /* nobody listens there now */
+    freeAddress(address);
     plcStationMove(dead, address, error, sizeof(error));
     makeRecord("ai", "In", "INP=@Q/0|SCAN=I/O Intr|FLNK=Chain");
     makeRecord("ai", "Event", "INP=@Q/0|SCAN=I/O Intr|TSE=-2");

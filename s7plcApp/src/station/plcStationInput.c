@@ -48,7 +48,9 @@ void plcInputFollow(plcStation *s, unsigned places)
 
 PLC_HOT void plcInputFollowStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
 {
-    if (epicsAtomicCmpAndSwapIntT(&s->tell, 1, 0) || (s->followAgain && now >= s->followAgain))
+    int wanted = epicsAtomicGetIntT(&s->tell) && epicsAtomicCmpAndSwapIntT(&s->tell, 1, 0);
+
+    if (wanted || (s->followAgain && now >= s->followAgain))
         askFollow(s);
     if (s->followAgain)
         plcEarlier(wake, s->followAgain);
