@@ -165,6 +165,17 @@ static int doRemote(simCall *c)
     return 0;
 }
 
+static int doAllowMap(simCall *c)
+{
+    int on;
+
+    if (simCallOnOff(c, &on))
+        return -1;
+    c->plc->program.tables.allow = on;
+    simPlcCall(c->plc, NULL);
+    return 0;
+}
+
 static int doPeriod(simCall *c)
 {
     double seconds;
@@ -259,6 +270,8 @@ static const simCommand commands[] = {
      "the fibre is cut and both lead"},
     {"local", 0, 0, doLocal, 1, "", "the HMI has control"},
     {"remote", 0, 0, doRemote, 1, "", "the IOC has control"},
+    {"allowmap", 0, 1, doAllowMap, 1, "[on|off]",
+     "the key switch: the IOC may bring a table of pointers"},
     {"quit", 0, 0, doQuit, 1, "", "end the simulator"},
 };
 /* clang-format on */

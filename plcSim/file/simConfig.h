@@ -62,6 +62,9 @@ typedef struct simConfig {
     unsigned txDb, rxDb, txPtrsDb, rxPtrsDb;
     int sync, local;
     unsigned layout;
+    int map;         /* tables of pointers that the IOC brings */
+    unsigned mapDb, mapRows;
+    int mapLocked;
     double watchdog; /* s, 0 = none */
     int role;        /* simSingle ... */
     char second[SIM_MAX_ADDRESS];

@@ -15,6 +15,7 @@
 #include "simPlc.h"
 #include "simPlcFile.h"
 
+#define CHECK_PAUSE 0.005 /* s between two calls of the program that checks a new table */
 #define AREA_SIZE 256 /* bytes of I, Q and M */
 
 /* ---- its servers ---- */
@@ -92,6 +93,12 @@ static void setUpProgram(simPlc *plc)
     program->sync = config->sync;
     program->layout = config->layout;
     program->watchdog = config->watchdog;
+    program->tables.name = plc->name;
+    program->tables.memory = &plc->memory;
+    program->tables.tx = plc->tx;
+    program->tables.rx = plc->rx;
+    program->tables.rows = config->map ? config->mapRows : 0;
+    program->tables.allow = !config->mapLocked;
     program->interfere = hmiActs;
     program->arg = plc;
 }
@@ -115,6 +122,10 @@ int simPlcBuild(simPlc *plc, simLoop *loop, const simConfig *config,
     plc->tx = wireBlock(plc, config->txDb, config->in, "IE_TX", out, &errors);
     plc->rx = wireBlock(plc, config->rxDb, config->out, "IE_RX", out, &errors);
     setUpProgram(plc);
+    if (simTablesInit(&plc->program.tables, config->mapDb, error)) {
+        simTextAdd(out, "%s: %s\n", config->file, error);
+        errors++;
+    }
     addServers(plc, types);
     errors += simPlcStatements(plc, 0, out);
     errors += simPlcStatements(plc, 1, out);
@@ -185,9 +196,12 @@ static void callProgram(simPlc *plc, int send, const epicsUInt8 *received)
     in.now = simNow();
     in.connected = plc->connected && !plc->passive;
     in.remote = !plc->local;
+    in.passive = plc->passive;
     in.send = send;
     in.received = received;
     IE_COMMS(program, &in);
+    if (program->tables.state == simMapChecking)
+        simTimerSet(plc->loop, &plc->check, in.now + CHECK_PAUSE, onWatch, plc);
     if (program->sync && program->watchdog > 0 && in.connected && !program->timedOut)
         simTimerSet(plc->loop, &plc->watch, program->lastBlock + program->watchdog,
                     onWatch, plc);
@@ -277,6 +291,7 @@ void simPlcStop(simPlc *plc)
     simTimerStop(plc->loop, &plc->cycle);
     simTimerStop(plc->loop, &plc->power);
     simTimerStop(plc->loop, &plc->watch);
+    simTimerStop(plc->loop, &plc->check);
     for (i = 0; i < plc->serverCount; i++)
         plc->servers[i].type->close(plc->servers[i].state);
 }
@@ -298,6 +313,8 @@ void simPlcLead(simPlc *plc, int lead)
     if (plc->off)
         return;
     tell(plc, simLead, lead);
+    if (lead)
+        simTablesRestart(&plc->program.tables);
     callProgram(plc, 0, NULL);
     if (lead)
         simPlcPeriod(plc, plc->period);
@@ -340,8 +357,9 @@ void simPlcRestart(simPlc *plc, double seconds, int cold)
     simTimerStop(plc->loop, &plc->cycle);
     tell(plc, simPower, 0);
     simTimerStop(plc->loop, &plc->watch);
-    simProgramRestart(&plc->program);
+    simTimerStop(plc->loop, &plc->check);
     clearMemory(plc, cold);
+    simProgramRestart(&plc->program);
     simTimerSet(plc->loop, &plc->power, simNow() + seconds, onPower, plc);
 }
 

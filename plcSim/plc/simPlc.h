@@ -46,7 +46,7 @@ typedef struct simPlc {
     void (*changed)(void *arg); /* called when memory may have changed, or NULL */
     void *changedArg;
     unsigned restarts;
-    simTimer cycle, power, watch;
+    simTimer cycle, power, watch, check;
     simPoint hmiPoint; /* the HMI waits for this moment ... */
     char **hmiWords;   /* ... to set this */
     size_t hmiCount;

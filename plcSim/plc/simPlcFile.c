@@ -75,6 +75,14 @@ static int addRx(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_S
     return simProgramTransfer(&plc->program, 0, words, count, error);
 }
 
+/* allow read|write <block> [<first byte> <bytes>] */
+static int addAllow(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE])
+{
+    if (!plc->config->map)
+        return simFail(error, "allow is for map = on");
+    return simTablesAllow(&plc->program.tables, words, count, error);
+}
+
 /* db <number> <bytes> [name] */
 static int addBlock(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE])
 {
@@ -156,6 +164,7 @@ static const struct statement {
     {"signal", simPlcSignal, 0, 0},
     {"tx",     addTx,        0, 0},
     {"rx",     addRx,        0, 0},
+    {"allow",  addAllow,     0, 0},
 };
 
 static const struct statement *findStatement(const char *name)

@@ -206,10 +206,9 @@ static int inside(const simBlock *block, const epicsUInt8 *p, size_t size)
 }
 
 /* Error code as BLKMOV's RET_VAL: 8xnn, x = 1 for the source, 3 for the destination. */
-static unsigned readPair(simProgram *program, const simTransfers *t, size_t entry,
-                         move *m)
+static unsigned readPair(simProgram *program, const simTransfers *t,
+                         const epicsUInt8 *pair, move *m)
 {
-    const epicsUInt8 *pair = t->table->bytes + entry * PAIR;
     size_t toSize;
     unsigned code;
 
@@ -251,19 +250,32 @@ static void notePointers(simProgram *program, simTransfers *t, unsigned retVal,
         simLog(program->name, "%s: all pointers of %s are good", who, table);
 }
 
+/* Pair number `entry`, NULL behind the last. */
+static const epicsUInt8 *pairAt(const simProgram *program, const simTransfers *t,
+                                size_t entry)
+{
+    int isTx = t == &program->pack;
+
+    if (program->tables.rows)
+        return entry < simTablesRows(&program->tables, isTx)
+                   ? simTablesRow(&program->tables, isTx, entry)
+                   : NULL;
+    if (!t->table || (entry + 1) * PAIR > t->table->size ||
+        t->table->bytes[entry * PAIR] == 0)
+        return NULL;
+    return t->table->bytes + entry * PAIR;
+}
+
 static int forPairs(simProgram *program, simTransfers *t, moveFn fn, void *arg)
 {
     unsigned firstBad = 0, code;
     size_t badEntry = 0, entry;
+    const epicsUInt8 *pair;
     int stop = 0;
     move m;
 
-    if (!t->table)
-        return 0;
-    for (entry = 0; !stop && (entry + 1) * PAIR <= t->table->size; entry++) {
-        if (t->table->bytes[entry * PAIR] == 0)
-            break;
-        code = readPair(program, t, entry, &m);
+    for (entry = 0; !stop && (pair = pairAt(program, t, entry)); entry++) {
+        code = readPair(program, t, pair, &m);
         if (!code) {
             stop = fn(program, &m, arg);
         } else if (!firstBad) {
@@ -455,7 +467,7 @@ int simProgramTransfer(simProgram *program, int isTx, char **words, size_t count
 static int makeTable(simProgram *program, simTransfers *t, unsigned db, const char *name,
                      char error[SIM_ERROR_SIZE])
 {
-    if (!t->pairCount)
+    if (!t->pairCount || program->tables.rows)
         return 0;
     t->table = simMemoryAdd(program->memory, SIM_AREA_DB, db,
                             (t->pairCount + SPARE_PAIRS) * PAIR, name);
@@ -478,8 +490,38 @@ static void fillTable(simTransfers *t)
     }
 }
 
+static epicsUInt8 *putPairs(const simTransfers *t, epicsUInt8 *to)
+{
+    size_t i;
+
+    for (i = 0; i < t->pairCount; i++, to += PAIR) {
+        simAnyEncode(&t->pairs[i].from, to);
+        simAnyEncode(&t->pairs[i].to, to + SIM_ANY);
+    }
+    return to;
+}
+
+/* With tables the pairs of the file are the table that the PLC begins with. */
+static void preload(simProgram *program)
+{
+    epicsUInt8 bytes[SIM_TABLE_HEAD + 255 * SIM_TABLE_ROW] = {0};
+    epicsUInt8 *end;
+
+    if (program->pack.pairCount + program->unpack.pairCount == 0)
+        return;
+    simPutInt(bytes, 2, 1, program->layout);
+    simPutInt(bytes + 2, 2, 1, program->pack.pairCount);
+    simPutInt(bytes + 4, 2, 1, program->unpack.pairCount);
+    end = putPairs(&program->unpack, putPairs(&program->pack, bytes + SIM_TABLE_HEAD));
+    simTablesPreload(&program->tables, bytes, (size_t)(end - bytes));
+}
+
 void simProgramFillTables(simProgram *program)
 {
+    if (program->tables.rows) {
+        preload(program);
+        return;
+    }
     fillTable(&program->pack);
     fillTable(&program->unpack);
 }
@@ -495,6 +537,13 @@ int simProgramInit(simProgram *program, unsigned txPtrsDb, unsigned rxPtrsDb,
                           !program->rx || program->rx->size < SIM_HEADER))
         return simFail(error, "with sync = on, in and out need %d bytes at least",
                        SIM_HEADER);
+    if (program->tables.rows && !program->sync)
+        return simFail(error, "map = on needs sync = on");
+    if (program->tables.rows % 8)
+        return simFail(error, "map_rows is a multiple of 8");
+    if (program->pack.pairCount + program->unpack.pairCount > program->tables.rows &&
+        program->tables.rows)
+        return simFail(error, "more pairs of pointers than map_rows");
     if (makeTable(program, &program->pack, txPtrsDb, "DB_TX_PTRS", error) ||
         makeTable(program, &program->unpack, rxPtrsDb, "DB_RX_PTRS", error))
         return -1;
@@ -512,6 +561,7 @@ void simProgramFree(simProgram *program)
 {
     freeTransfers(&program->pack);
     freeTransfers(&program->unpack);
+    simTablesFree(&program->tables);
     free(program->accepted);
 }
 
@@ -537,6 +587,10 @@ static void packHeader(simProgram *program)
                          (program->timedOut ? SIM_TX_TIMEOUT : 0));
     tx[1] = program->counter;
     simPutInt(tx + 2, 2, program->memory->bigEndian, program->layout);
+    if (program->tables.rows) {
+        tx[0] |= SIM_TX_MAP;
+        simTablesPack(&program->tables);
+    }
 }
 
 void PACK_TX_DB(simProgram *program)
@@ -625,7 +679,8 @@ static void receive(simProgram *program, const epicsUInt8 *block)
 {
     epicsUInt8 flags = block[0];
 
-    memcpy(program->rx->bytes, block, program->rx->size);
+    if (program->tables.rows && !simTablesReady(&program->tables))
+        return;
     if (!program->sync) {
         if (program->remote)
             UNPACK_RX_DB(program);
@@ -667,13 +722,33 @@ static void watch(simProgram *program, double now)
     program->timedOut = 1;
 }
 
+/* The tables, before anything that needs them. Returns 1 when the block was for them. */
+static int loadTables(simProgram *program, const simInputs *inputs, int reset)
+{
+    simTablesInputs in = {inputs->now, 0, reset, inputs->remote};
+
+    if (!program->tables.rows || inputs->passive)
+        return 0;
+    in.table = inputs->received && inputs->received[0] & SIM_RX_TABLE;
+    simTablesStep(&program->tables, &in);
+    program->layout = simTablesLayout(&program->tables);
+    if (!simTablesReady(&program->tables))
+        setSync(program, 0, "the table of pointers is not ready");
+    return in.table;
+}
+
 void IE_COMMS(simProgram *program, const simInputs *inputs)
 {
+    int edge = inputs->connected != program->connected, taken;
+
     takeInputs(program, inputs);
     if (inputs->received && program->rx) {
         program->lastBlock = inputs->now;
-        receive(program, inputs->received);
+        memcpy(program->rx->bytes, inputs->received, program->rx->size);
     }
+    taken = loadTables(program, inputs, edge);
+    if (inputs->received && program->rx && !taken)
+        receive(program, inputs->received);
     watch(program, inputs->now);
     watchSetpoints(program);
     if (inputs->send && program->tx)
@@ -688,6 +763,7 @@ void simProgramRestart(simProgram *program)
     program->counter = 0;
     program->layoutWrong = 0;
     program->difference[0] = 0;
+    simTablesRestart(&program->tables);
 }
 
 void simProgramStatus(const simProgram *program, simText *out)
@@ -700,6 +776,8 @@ void simProgramStatus(const simProgram *program, simText *out)
                    (unsigned long long)n->pointerErrors);
     if (!program->sync)
         return;
+    if (program->tables.rows)
+        simTablesStatus(&program->tables, out);
     simTextAdd(out, "sync: %s%s%s\n", program->synced ? "SYNC" : "none",
                program->timedOut ? ", TIMEOUT" : "",
                program->layoutWrong ? ", layouts differ" : "");

@@ -28,6 +28,7 @@
 
 #include "simLog.h"
 #include "simMemory.h"
+#include "simTables.h"
 
 #define SIM_HEADER 4     /* bytes */
 #define SIM_TX_SYNC 1    /* the PLC has accepted the IOC's values */
@@ -87,6 +88,7 @@ typedef struct simProgram {
     simMemory *memory;
     simBlock *tx, *rx; /* IE_TX, IE_RX */
     simTransfers pack, unpack;
+    simTables tables; /* with map = on: the pointers come from there */
     /* settings */
     int sync;
     unsigned layout; /* 0 = not checked */
@@ -123,6 +125,7 @@ typedef struct simInputs {
     double now; /* s */
     int connected;
     int remote;                 /* 0 = LOCAL */
+    int passive;                /* BACKUP: its memory is the other's */
     int send;                   /* a block is due and SEND is free */
     const epicsUInt8 *received; /* outSize bytes, NULL = nothing came */
 } simInputs;
