@@ -8,6 +8,7 @@
 
 #include "plcStatsTable.h"
 #include "plcSync.h"
+#include "plcTables.h"
 
 #define GETTER(function)                                                                  \
     static void function(const plcStatRow *row, plcStation *station,                      \
@@ -81,6 +82,13 @@ GETTER(getSyncText)
     (void)row, (void)station;
     epicsSnprintf(value->text, sizeof(value->text), "%s",
                   plcSyncStateName(stats->syncState));
+}
+
+GETTER(getMapText)
+{
+    (void)row, (void)station;
+    epicsSnprintf(value->text, sizeof(value->text), "%s",
+                  plcTablesStateName(stats->mapState));
 }
 
 GETTER(getReason)
@@ -176,7 +184,7 @@ const plcStatRow plcStatRows[] = {
      "puts that were refused"},
     {"syncState",        plcStatInteger, getInt,       AT(syncState),       "",
      "sync handshake: 0 disconnected, 1 waiting, 2 checking, 3 synced, 4 LOCAL, "
-     "5 layout mismatch"},
+     "5 layout mismatch, 6 map mismatch, 7 map download"},
     {"syncText",         plcStatText,    getSyncText,  0,                   "",
      "the same in words"},
     {"syncTime",         plcStatReal,    getAge,       AT(syncSince),       "s",
@@ -197,6 +205,23 @@ const plcStatRow plcStatRows[] = {
      "times bytes came where no block begins; nothing was taken until it was clear why"},
     {"outOfStep",        plcStatInteger, getCount,     AT(outOfStep),       "",
      "times bytes were lost or came too many, and the connection was made anew"},
+    {"mapState",         plcStatInteger, getInt,       AT(mapState),        "",
+     "table of pointers: 0 disconnected, 1 waiting, 2 fixed tables, 3 equal, 4 map mismatch, "
+     "5 beginning, 6 loading, 7 PLC checks, 8 refused"},
+    {"mapText",          plcStatText,    getMapText,   0,                   "",
+     "the same in words"},
+    {"mapReason",        plcStatText,    getText,      AT(mapReason),       "",
+     "why the PLC does not work with our table; empty when it does"},
+    {"mapProgress",      plcStatInteger, getInt,       AT(mapProgress),     "%",
+     "how much of our table the PLC has; 100: it works with it"},
+    {"mapCrc",           plcStatInteger, getCount32,   AT(mapCrc),          "",
+     "CRC-32 of our table; 0: there is none"},
+    {"mapPlcCrc",        plcStatInteger, getCount32,   AT(mapPlcCrc),       "",
+     "CRC-32 of the table that the PLC works with; 0: none"},
+    {"mapDownloads",     plcStatInteger, getCount,     AT(mapDownloads),    "",
+     "tables that the PLC took from us"},
+    {"mapRefusals",      plcStatInteger, getCount,     AT(mapRefusals),     "",
+     "tables that it refused"},
     {"sizeMismatches",   plcStatInteger, getCount,     AT(sizeMismatches),  "",
      "times the block size was found wrong"},
     {"connects",         plcStatInteger, getCount,     AT(connects),        "",

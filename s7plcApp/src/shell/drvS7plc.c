@@ -1,5 +1,6 @@
 /* The face of the driver towards EPICS: driver entry, iocsh commands, and the C functions
  * of drvS7plc.h. What they do is in plcStation. */
+#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -274,6 +275,35 @@ static void sendCall(const iocshArgBuf *args)
     plcStationSend(station);
 }
 
+static const iocshArg fileArg = {"file.ptr", PLC_ARG_PATH};
+static const iocshArg *const tableArgs[] = {&oneStationArg, &fileArg};
+
+static void tableCall(const iocshArgBuf *args)
+{
+    plcStation *station = needStation("s7plcTables", args[0].sval);
+    const char *path = args[1].sval;
+    plcPointers *table = NULL;
+    char error[300];
+    FILE *file;
+
+    if (!station)
+        return;
+    file = path ? fopen(path, "r") : NULL;
+    if (!file) {
+        fprintf(stderr, "s7plcTables %s: cannot read \"%s\": %s\n", args[0].sval,
+                path ? path : "", path ? strerror(errno) : "no file given");
+        return;
+    }
+    table = plcPointersRead(file, error, sizeof(error));
+    fclose(file);
+    if (!table) {
+        fprintf(stderr, "s7plcTables %s: %s: %s\n", args[0].sval, path, error);
+    } else if (plcStationSetTable(station, table)) {
+        plcPointersFree(table);
+        fprintf(stderr, "s7plcTables %s: only before iocInit\n", args[0].sval);
+    }
+}
+
 static const iocshFuncDef configureDef = {
     "s7plcConfigure", 8, configureArgs
 #ifdef IOCSHFUNCDEF_HAS_USAGE
@@ -289,6 +319,14 @@ static const iocshFuncDef optionDef = {
     ,
     "Sets an option of a PLC. Without value: shows its options. Without PLC: all keys.\n"
     "  s7plcSetOption PLC heartbeat 500\n"
+#endif
+};
+static const iocshFuncDef tableDef = {
+    "s7plcTables", 2, tableArgs
+#ifdef IOCSHFUNCDEF_HAS_USAGE
+    ,
+    "The table of pointers that a PLC with the option map works with.\n"
+    "  s7plcTables PLC plant.ptr\n"
 #endif
 };
 static const iocshFuncDef reportDef = {
@@ -330,6 +368,7 @@ void plcDriverRegister(void)
 {
     iocshRegister(&configureDef, configureCall);
     iocshRegister(&optionDef, optionCall);
+    iocshRegister(&tableDef, tableCall);
     iocshRegister(&reportDef, reportCall);
     iocshRegister(&resetDef, resetCall);
     iocshRegister(&sendDef, sendCall);

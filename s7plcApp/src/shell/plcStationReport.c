@@ -67,6 +67,15 @@ static void syncLine(const plcStats *st, FILE *file)
             (unsigned long long)st->syncsLost, (unsigned long long)st->readbacks);
 }
 
+static void mapLine(const plcStats *st, FILE *file)
+{
+    fprintf(file, "    table of pointers: %s%s%s, %d %%; CRC ours 0x%08X, the PLC's 0x%08X; "
+            "%llu downloads, %llu refused\n", plcTablesStateName(st->mapState),
+            st->mapReason[0] ? ": " : "", st->mapReason, st->mapProgress,
+            (unsigned)st->mapCrc, (unsigned)st->mapPlcCrc,
+            (unsigned long long)st->mapDownloads, (unsigned long long)st->mapRefusals);
+}
+
 void plcStationOptionsText(plcStation *s, char *text, size_t size)
 {
     plcOptions options;
@@ -110,6 +119,8 @@ void plcStationReport(plcStation *s, FILE *file, int level)
             plcScanCount(s->outScan));
     if (plcStationHeader(s))
         syncLine(&st, file);
+    if (st.mapState)
+        mapLine(&st, file);
     counters(&st, file);
     if (st.lastError[0])
         fprintf(file, "    last error: %s\n", st.lastError);

@@ -68,6 +68,8 @@ static const optRow rows[] = {
  "sync handshake: no put leaves before the PLC has agreed to the values we hold"},
 {"layout",         optNumber, AT(layout),         0, 0,  65535,   "",   NULL, 0,    1,
  "layout id of both blocks, for the sync handshake and layoutAt; 0: not checked"},
+{"map",            optChoice, AT(map),            0, 0,  0, "", "off|check|download", 0, 1,
+ "the PLC's table of pointers (s7plcTables): not looked at, compared, or sent when it differs"},
 {"layoutAt",       optOffset, AT(layoutAt),       0, 0,  PLC_BLOCK_MAX, "bytes", NULL, PLC_OFF, 1,
  "without sync: where the input block has the PLC's layout id, a UINT16"},
 {"wordOrder",      optChoice, AT(wordOrder),      0, 0,  0, "", "bytes|high|low", 0, 1,

@@ -40,6 +40,7 @@ typedef struct plcOptions {
     int sync;              /* 0 or 1 */
     double pingPeriod;     /* ms, 0 = off */
     double layout;         /* layout id, 0 = not checked */
+    int map;               /* plcMapOff, ... of plcTables.h */
     double layoutAt;       /* offset of the PLC's in the input block, PLC_OFF */
     int wordOrder;         /* plcWordsAsBytes, ... */
     double requestTimeout; /* ms, Modbus */

@@ -339,6 +339,7 @@ void plcStationsDestroy(void)
         plcScanDestroy(s->statusScan);
         plcScanDestroy(s->statsScan);
         plcUsersDestroy(s->users);
+        plcPointersFree(s->table);
         free(s);
     }
     unlockList();
@@ -703,6 +704,13 @@ static int optionsFit(plcStation *s, const plcOptions *o, char *error, size_t si
     if (o->sync && o->layoutAt >= 0) {
         epicsSnprintf(error, size, "option layoutAt: with sync=on the layout id is in the "
                       "header of the blocks");
+        return -1;
+    }
+    if (o->map && (!o->sync || s->inSize < PLC_TABLES_STATUS ||
+                   s->outSize < PLC_TABLES_PIECE + 4)) {
+        epicsSnprintf(error, size, "option map: sync=on first, and blocks of %d bytes in and "
+                      "%d out at least; inSize is %u, outSize %u", PLC_TABLES_STATUS,
+                      PLC_TABLES_PIECE + 4, (unsigned)s->inSize, (unsigned)s->outSize);
         return -1;
     }
     if (o->sync && s->exchange) {

@@ -19,6 +19,7 @@
 #include "plcOptions.h"
 #include "plcPolicy.h"
 #include "plcStats.h"
+#include "plcPointers.h"
 #include "plcTransport.h"
 #include "plcUsers.h"
 
@@ -137,6 +138,10 @@ typedef struct plcListener {
 int plcStationListen(plcStation *station, const plcListener *listener, void *pvt);
 
 /* --- Read-back: the PLC shows what it holds of our outputs ------------------------------- */
+
+/* The table of pointers that the PLC is to work with (option map). Becomes the station's.
+ * Returns -1 after iocInit, when it stays the caller's. */
+int plcStationSetTable(plcStation *station, plcPointers *table);
 
 /* Bytes at the start of both blocks that are no data: the header of sync=on, or 0. */
 size_t plcStationHeader(const plcStation *station);

@@ -408,6 +408,7 @@ void plcInputSyncLeader(plcStation *s, epicsUInt64 now)
         plcSyncConnected(&s->sync);
     else
         plcSyncLost(&s->sync);
+    plcTablesLeader(s);
     syncShow(s, now);
 }
 
@@ -429,6 +430,10 @@ static int outputsFollow(plcStation *s, const void *block, epicsUInt64 now)
     }
     if (!s->now.sync)
         return 1;
+    if (!plcTablesLook(s, block)) {
+        syncShow(s, now);
+        return 0;
+    }
     same =
         s->sync.state == plcSyncChecking && plcReadbackSame(s->readback, block, s->out);
     todo = plcSyncBlock(&s->sync, block, same, s->bigEndian);
@@ -442,6 +447,14 @@ static int outputsFollow(plcStation *s, const void *block, epicsUInt64 now)
     if (todo & plcSyncSend)
         plcImageTouch(s->out);
     return s->sync.state != plcSyncLayoutMismatch;
+}
+
+/* Why the data of the PLC is not what our records expect. */
+static const char *disagreement(const plcStation *s)
+{
+    int tables = s->sync.state == plcSyncMapMismatch || s->sync.state == plcSyncMapDownload;
+
+    return plcSyncReason(tables ? (int)s->sync.state : plcSyncLayoutMismatch);
 }
 
 /* Whole blocks came from the PLC that leads; this is the newest. */
@@ -462,7 +475,7 @@ PLC_HOT void plcInputBlock(plcStation *s, const void *block, epicsTimeStamp stam
     epicsMutexUnlock(s->lock);
     s->lastBlock = now;
     if (!layoutAgrees(s, block) || !outputsFollow(s, block, now)) {
-        plcInputInvalidate(s, plcStateLayout, plcSyncReason(plcSyncLayoutMismatch));
+        plcInputInvalidate(s, plcStateLayout, disagreement(s));
         return;
     }
     if (!aliveWord(s, block, now))

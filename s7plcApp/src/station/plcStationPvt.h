@@ -18,6 +18,8 @@
 #include "plcLink.h"
 #include "plcReadback.h"
 #include "plcSync.h"
+#include "plcTables.h"
+#include "plcPointers.h"
 #include "plcOptions.h"
 #include "plcResolver.h"
 #include "plcScan.h"
@@ -91,6 +93,8 @@ struct plcStation {
     const plcListener *listener; /* NULL: none; set before the thread starts */
     void *listenerPvt;
 
+    plcPointers *table; /* of s7plcTables, NULL = none; before the thread starts */
+
     /* from any thread to ours */
     plcWake wake;
     int stop;    /* atomic */
@@ -132,6 +136,7 @@ struct plcStation {
     int valid;               /* the input image is valid */
     int frozen;              /* the alive word stands still */
     plcSync sync;            /* with sync=on */
+    plcTables tables;        /* with map=check or download */
     epicsUInt64 syncSince;   /* when its state began */
     int syncDoubted;         /* "does not agree" has been said in this state */
     epicsUInt64 lastBlock;   /* of any leader; 0: none since data was lost */
@@ -221,6 +226,17 @@ void plcInputSetState(plcStation *s, int state);
 
 /* For record threads, after leader or validity changed: outputs go somewhere, or not. */
 void plcInputSetLeads(plcStation *s);
+
+/* --- plcStationTables.c: the PLC's table of pointers; the thread only
+ * ----------------------*/
+
+void plcTablesStart(plcStation *s);
+
+/* Another PLC gets our output, or none. */
+void plcTablesLeader(plcStation *s);
+
+/* Returns 1 when the data of a block is what our records expect. */
+int plcTablesLook(plcStation *s, const void *block);
 
 /* Another PLC gets our output, or none. */
 void plcInputSyncLeader(plcStation *s, epicsUInt64 now);

@@ -119,7 +119,7 @@ static int layoutKnown(const plcStation *s)
 static int maySend(plcStation *s)
 {
     if (s->now.sync)
-        return plcSyncMaySend(&s->sync);
+        return plcSyncMaySend(&s->sync) || s->tables.command;
     return epicsAtomicGetIntT(&s->taken) || !plcReadbackCount(s->readback);
 }
 
@@ -167,7 +167,7 @@ static void outputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     } else if (!s->dirtySince && plcImageDirty(s->out)) {
         s->dirtySince = now;
     }
-    due = epicsAtomicGetIntT(&s->sendNow) ? 0 : sendDue(s);
+    due = epicsAtomicGetIntT(&s->sendNow) || s->tables.command ? 0 : sendDue(s);
     if (now < due) {
         s->slowSince = 0;
         plcEarlier(wake, due);
@@ -182,6 +182,8 @@ static void outputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     plcImageTake(s->out, c->out);
     if (s->now.sync)
         plcSyncHeader(&s->sync, c->out, s->bigEndian);
+    if (s->tables.command)
+        c->out[0] = (char)plcTablesPack(&s->tables, c->out, s->bigEndian);
     s->lastSend = now;
     sendBlock(s, 1, now, wake);
 }
@@ -214,7 +216,8 @@ static void statsStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     if (!epicsAtomicGetIntT(&s->running) || !plcScanCount(s->statsScan))
         return;
     epicsMutexMustLock(s->lock);
-    state = s->stats.state | s->stats.syncState << 8 | s->stats.remote << 16;
+    state = s->stats.state | s->stats.syncState << 8 | s->stats.remote << 16 |
+            s->stats.mapState << 17 | s->stats.mapProgress << 21;
     epicsMutexUnlock(s->lock);
     if (state != s->toldState || s->leader != s->toldLeader || now >= s->nextStatsScan) {
         s->toldState = state;
@@ -327,6 +330,7 @@ static void begin(plcStation *s)
         plcExchangeBegin(s);
     takeOrders(s, 0);
     plcSyncInit(&s->sync, (epicsUInt16)s->now.layout);
+    plcTablesStart(s);
     if (s->now.readback >= 0) {
         size_t header = plcStationHeader(s);
 

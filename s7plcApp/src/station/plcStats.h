@@ -33,6 +33,11 @@ typedef struct plcStats {
     int remote;                 /* 1: REMOTE, 0: LOCAL, as the PLC last said */
     epicsUInt64 syncSince;      /* monotonic ns: when syncState began */
     int layoutPlc;              /* layout id that the PLC last showed, 0 = none */
+    int mapState;               /* plcTablesState; with map=check or download */
+    int mapProgress;            /* %, 100: the PLC works with our table */
+    epicsUInt32 mapCrc;         /* of our table, 0 = there is none */
+    epicsUInt32 mapPlcCrc;      /* of the table that the PLC works with, 0 = none */
+    char mapReason[PLC_TEXT_SIZE]; /* why the PLC does not work with ours */
     int outputConnected;        /* 1: outputs go somewhere; over Modbus this may be another
                                    connection than that of the blocks */
     char lastError[PLC_TEXT_SIZE];
@@ -57,6 +62,8 @@ typedef struct plcStats {
     epicsUInt64 doubts;         /* times bytes came where no block should begin; nothing was
                                    taken until that was resolved */
     epicsUInt64 outOfStep;      /* times it was not, and the connection was made anew */
+    epicsUInt64 mapDownloads;   /* tables that the PLC took from us */
+    epicsUInt64 mapRefusals;    /* tables that it refused */
     epicsUInt64 connects;       /* connections made */
     epicsUInt64 disconnects;    /* connections lost */
     epicsUInt64 connectErrors;  /* attempts that failed */

@@ -16,6 +16,8 @@ static const struct {
     [plcSyncSynced]         = {"synced",          "",                                     1, plcFlagData },
     [plcSyncLocal]          = {"LOCAL",           "PLC in LOCAL",                         1, 0           },
     [plcSyncLayoutMismatch] = {"layout mismatch", "layout ids of PLC and IOC differ",     0, 0           },
+    [plcSyncMapMismatch]    = {"map mismatch",    "PLC has another table of pointers",    0, 0           },
+    [plcSyncMapDownload]    = {"map download",    "PLC is getting its table of pointers", 1, 0           },
 };
 
 void plcSyncInit(plcSync *s, epicsUInt16 layout)
@@ -65,6 +67,14 @@ int plcSyncBlock(plcSync *s, const void *header, int same, int bigEndian)
         s->asked = 0;
     s->state = plcSyncChecking;
     return plcSyncTake | plcSyncSend;
+}
+
+void plcSyncMap(plcSync *s, const void *header, int download)
+{
+    s->flags = *(const epicsUInt8 *)header;
+    s->asked = 0;
+    if (s->state != plcSyncDisconnected)
+        s->state = download ? plcSyncMapDownload : plcSyncMapMismatch;
 }
 
 int plcSyncMaySend(const plcSync *s)

@@ -34,7 +34,9 @@ typedef enum {
     plcSyncChecking,      /* what was read back is sent with CHECK */
     plcSyncSynced,        /* the PLC takes setpoints */
     plcSyncLocal,         /* the HMI has control; heartbeats without setpoints */
-    plcSyncLayoutMismatch /* the layout ids differ; nothing is sent */
+    plcSyncLayoutMismatch, /* the layout ids differ; nothing is sent */
+    plcSyncMapMismatch,   /* the PLC has another table of pointers; nothing is sent */
+    plcSyncMapDownload    /* it is getting ours; nothing else is sent */
 } plcSyncState;
 
 /* What the station has to do after a step. */
@@ -60,6 +62,10 @@ void plcSyncLost(plcSync *sync);
 /* A block came. `same`: the read-backs in it equal our output image. Returns a mask of
  * plcSyncTake and plcSyncSend. */
 int plcSyncBlock(plcSync *sync, const void *header, int same, int bigEndian);
+
+/* The PLC works with another table than our records (plcTables.h), and may be getting
+ * ours: the block that came says nothing to us. The next plcSyncBlock begins anew. */
+void plcSyncMap(plcSync *sync, const void *header, int download);
 
 /* True when blocks may leave at all in this state. */
 int plcSyncMaySend(const plcSync *sync);
