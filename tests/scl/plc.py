@@ -8,7 +8,7 @@ import struct
 import threading
 import time
 
-from . import texts
+from . import tables, texts
 from .link import Link
 from .machine import Machine
 
@@ -90,11 +90,13 @@ class SclPlc:
         for words in self.config.named("init"):
             self.set(words[1:])
 
-    def call_program(self, link):
-        machine = self.machine
-        signals = machine.dbs[texts.symbols(PLANT)["SIGNALS"]]
+    def count_signal(self):
+        signals = self.machine.dbs[texts.symbols(PLANT)["SIGNALS"]]
         struct.pack_into(">I", signals, 0, (struct.unpack(">I", signals)[0] + 1) & 0xffffffff)
-        machine.call_block(
+
+    def call_program(self, link):
+        self.count_signal()
+        self.machine.call_block(
             "IE_COMMS", "IE_COMMS_DB", REMOTE=self.remote, CONNECTED=link.connected,
             LAYOUT=self.config.number("layout"), PERIOD=self.ms("period", "100 ms"),
             WATCHDOG=self.ms("watchdog", "3 s"))
@@ -267,6 +269,72 @@ class SclPlc:
         self.machine.link = self.links[self.primary]
         self.machine.link.data = b""
         self.machine.link.connected = False     # for one cycle: the program must see an end
+
+
+class SclTablesPlc(SclPlc):
+    """The same with the tables of docs/plc-tables.scl."""
+
+    def make_machine(self):
+        self.sizes = {int(words[1]): int(words[2]) for words in self.config.named("db")}
+        self.allow_map = self.config.keys.get("allow_map", "on") == "on"
+        counters = [words for words in self.config.named("signal") if words[3] == "counter"]
+        text = texts.fitted_tables(
+            (texts.DOCS / tables.SCL).read_text(), self.in_size, self.out_size,
+            self.config.number("map_rows", 32),
+            [self.allow(words) for words in self.config.named("allow")],
+            tx=[f"IE_TX.DD{words[1]} := SIGNALS.DD0" for words in counters])
+        text = PLANT + text
+        return Machine(text, texts.symbols(text), self.sizes)
+
+    def allow(self, words):
+        """allow read|write DB10 [first bytes]"""
+        number = 0 if words[2] == "M" else int(words[2][2:])
+        size = self.sizes.get(number, 256)
+        first, count = map(int, words[3:5]) if len(words) > 3 else (0, size)
+        return number, first, count, words[1] == "write"
+
+    def load(self):
+        super().load()
+        tx = [self.row(words[1:4], words[5:6], 1) for words in self.config.named("tx")]
+        rx = [self.row(words[3:6], words[1:2], 2) for words in self.config.named("rx")]
+        if tx or rx:
+            self.preload(tables.table(self.config.number("layout"), tx, rx))
+
+    def row(self, pointer, place, db):
+        match = re.match(r"P#(?:DB(\d+)\.DBX|M)(\d+)\.0$", pointer[0])
+        area = 0x84 if match[1] else 0x83
+        foreign = tables.pointer(int(match[1] or 0), int(match[2]), int(pointer[2]), area)
+        ours = tables.pointer(db, int(place[0]), int(pointer[2]))
+        return foreign + ours if db == 1 else ours + foreign
+
+    def preload(self, table):
+        self.machine.dbs[20][:len(table)] = table
+        self.machine.put("MAP.Active", 20)
+        self.machine.put("MAP.Status.InUse", tables.crc_of(table))
+        self.machine.put("MAP.Status.State", tables.ACTIVE)
+
+    def call_program(self, link):
+        self.count_signal()
+        self.machine.call_block(
+            "IE_COMMS", "IE_COMMS_DB", REMOTE=self.remote, CONNECTED=link.connected,
+            ALLOW_MAP=self.allow_map, PERIOD=self.ms("period", "100 ms"),
+            WATCHDOG=self.ms("watchdog", "3 s"))
+
+    def restart_program(self, cold):
+        if cold:
+            self.load()
+        for number in (1, 2):
+            self.machine.dbs[number][:] = bytes(len(self.machine.dbs[number]))
+        self.machine.call("OB100")
+
+    def do_status(self):
+        state, error, row, crc = struct.unpack_from(">BBBI", self.machine.dbs[22], 1)
+        words = ["none", "loading", "checking", "active", "refused"]
+        return (f"map: {words[state]}, error {error}, row {row}, CRC 0x{crc:08x}, "
+                f"{'allowed' if self.allow_map else 'locked'}\n" + super().do_status())
+
+    def do_allowmap(self, on="on"):
+        self.allow_map = on != "off"
 
 
 PLANT = """DATA_BLOCK SIGNALS                  // DB30

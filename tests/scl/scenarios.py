@@ -86,8 +86,8 @@ def sends(plc):
 
 def sizes(plc):
     """The blocks are as long as the other side expects, the tables have sixteen rows."""
-    assert {n: len(plc.machine.dbs[n]) for n in range(1, 6)} == {
-        1: IN, 2: OUT, 3: 320, 4: 320, 5: OUT}
+    assert {n: len(plc.machine.dbs[n]) for n in range(1, 7)} == {
+        1: IN, 2: OUT, 3: 320, 4: 320, 5: OUT, 6: OUT}
 
 
 def counts(plc):
@@ -313,6 +313,17 @@ def bad_pointer_in(plc):
     assert plc.machine.get("IE_COMMS_DB.PTR_ERR") & 0xffff == 0x8101
 
 
+def row_beyond(plc):
+    """A row beyond its block is told, and stops neither the CPU nor the others."""
+    plc.synced()
+    row(plc, 4, 1, (2, 8), (11, 22), 4)
+    plc.cycle()
+    assert plc.sync
+    plc.take(2, bytes(range(31, 39)))
+    assert plc.machine.get("IE_COMMS_DB.PTR_ERR") & 0xffff == 0x8322
+    assert bytes(plc.points[:8]) == bytes(range(31, 39))
+
+
 def sixteen(plc):
     """Tables of sixteen rows are served to the last, both ways, and compared to the last."""
     for number in range(16):
@@ -382,7 +393,7 @@ def status(plc):
 
 ALL = (sizes, sends, agrees, disagrees, takes, ignores, hmi_in_time, local, local_at_once, connection,
        layouts, watchdog, watchdog_rests, busy, send_fails, hmi_while_sending, bad_pointer,
-       bad_pointer_in, sixteen, one_row, flags_area, far_address, status, counts)
+       bad_pointer_in, row_beyond, sixteen, one_row, flags_area, far_address, status, counts)
 
 INSTANCE = "DATA_BLOCK IE_COMMS_DB IE_COMMS     // DB31\nBEGIN END_DATA_BLOCK\n"
 

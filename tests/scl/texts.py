@@ -35,7 +35,7 @@ def fitted(text, in_size, out_size, points=None, tx=(), rx=()):
     """plc-programming.md for other blocks. points: bytes of the setpoints in DB10, which go
     behind the header on both sides; tx, rx: explicit transfers."""
     text = replace(text, "ARRAY [4..31] OF BYTE", f"ARRAY [4..{in_size - 1}] OF BYTE", 1)
-    text = replace(text, "ARRAY [4..11] OF BYTE", f"ARRAY [4..{out_size - 1}] OF BYTE", 2)
+    text = replace(text, "ARRAY [4..11] OF BYTE", f"ARRAY [4..{out_size - 1}] OF BYTE", 3)
     text = replace(text, "LEN := 32", f"LEN := {in_size}", 2)
     if points is not None:
         text = replace(text, "Count := 8;", f"Count := {points};", 4)
@@ -50,3 +50,36 @@ def explicit(text, tx, rx):
                "END_IF;\n")
     line = re.search(r"    // IF WORD_TO_BLOCK_DB\(INT_TO_WORD\(BLOCK\)\)[^\n]*\n", text)[0]
     return replace(text, line, "".join(compare.format(*pair) for pair in rx), 1)
+
+
+def fitted_tables(text, in_size, out_size, rows, allows, tx=()):
+    """plc-tables.scl for other blocks. allows: (DB number, first byte, bytes, write) of
+    MAP_ALLOWED; number 0 are flags."""
+    pieces = [
+        ("[16..47] OF BYTE;", f"[16..{in_size - 1}] OF BYTE;", 1),
+        ("START > 48 - COUNT", f"START > {in_size} - COUNT", 1),
+        ("INDEX := 16 TO 47 DO", f"INDEX := 16 TO {in_size - 1} DO", 2),
+        ("LEN := 48", f"LEN := {in_size}", 2),
+        ("[4..31] OF BYTE;", f"[4..{out_size - 1}] OF BYTE;", 3),
+        ("START > 32 - COUNT", f"START > {out_size} - COUNT", 1),
+        ("COUNT > 20", f"COUNT > {out_size - 12}", 1),
+        ("[0..31] OF STRUCT", f"[0..{rows - 1}] OF STRUCT", 2),
+        ("ROWSTX <= 32 AND ROWSRX <= 32", f"ROWSTX <= {rows} AND ROWSRX <= {rows}", 1),
+        ("ROWSTX > 32 OR ROWSRX > 32", f"ROWSTX > {rows} OR ROWSRX > {rows}", 1),
+        ("> 650", f"> {10 + 20 * rows}", 2),
+        ("MAP.Status.Rows := B#16#4;", f"MAP.Status.Rows := B#16#{rows // 8:X};", 1),
+        ("    // IE_TX.DD44 := DB11.DD12;\n", "".join(f"    {t};\n" for t in tx), 1)]
+    for piece in pieces:
+        text = replace(text, *piece)
+    begin = text.index("    CASE NUMBER OF\n        10 :")
+    end = text.index("END_FUNCTION", begin)
+    return text[:begin] + allowed(allows) + text[end:]
+
+
+def allowed(allows):
+    lines = ["    MAP_ALLOWED := FALSE;"]
+    for number, first, size, write in allows:
+        right = "" if write else " AND NOT WRITE"
+        lines.append(f"    IF NUMBER = {number}{right} AND START >= {first} AND START <= "
+                     f"{first + size} - COUNT THEN MAP_ALLOWED := TRUE; END_IF;")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,338 @@
+"""Tables of pointers in the PLC: the SCL of plc-tables.scl and plcSim's program, side by side,
+one cycle at a time and without a network. Both must send the same bytes."""
+import os
+
+import pytest
+
+from scl import episodes, mutate, scenarios, tables, texts
+from scl.compile import Program
+from scl.parse import SclError
+from scl.step import Step
+from scl.tables import ACTIVE, CHECKING, GOOD, LOADING, NONE, OTHER, REFUSED, pointer, rx, tx
+
+TEXT = tables.document()
+
+
+@pytest.fixture(scope="module")
+def program():
+    return Program(TEXT, texts.symbols(TEXT))
+
+
+@pytest.fixture(scope="module")
+def step():
+    """One process for all: each test begins with a restart."""
+    step = Step()
+    yield step
+    step.close()
+
+
+@pytest.fixture
+def both(program, step):
+    """A PLC that works with GOOD, in both programs."""
+    both = episodes.Episode(program, step, 0)
+    both.restart(quiet=True)
+    both.tables.update(tables.crc_of(data) for data in (GOOD, OTHER))
+    load(both, GOOD)
+    assert both.plc.status()[0] == ACTIVE
+    return both
+
+
+def load(both, data, session=1, **kw):
+    for block in tables.download(data, session, **kw):
+        both.cycle(block)
+    while both.plc.status()[0] == CHECKING:
+        both.cycle()
+    for _ in range(12):
+        both.cycle()
+    return both.plc.status()
+
+
+def synced(both):
+    both.cycle(tables.block(tables.CHECK, 0x1201, bytes(both.plc.memory(10)[:12])))
+    assert both.plc.sync
+    return both
+
+
+def test_a_table(both):
+    """a table is taken whole: values move where its rows say, and nowhere else"""
+    assert both.plc.status() == (ACTIVE, 0, 0, tables.crc_of(GOOD), 70, 1, 4)
+    synced(both)
+    both.cycle(tables.block(tables.DATA, 0x1201, bytes(range(40, 52))))
+    assert bytes(both.plc.memory(10)) == bytes(range(40, 52)) + bytes(range(13, 25))
+    assert load(both, OTHER, 2)[:4] == (ACTIVE, 0, 0, tables.crc_of(OTHER))
+    assert not both.plc.sync
+    assert load(both, GOOD, 3)[3] == tables.crc_of(GOOD)
+
+
+def T(tx_rows=(tx(10, 0, 12, 16),), rx_rows=()):
+    return tables.table(0x1299, tx_rows, rx_rows)
+
+
+BAD = {
+    "no ANY pointer": (T([tx(10, 0, 4, 16, head=0x0002)]), 1, 0),
+    "words, not bytes": (T([tx(10, 0, 4, 16, head=0x1004)]), 1, 0),
+    "no byte": (T([tx(10, 0, 0, 16)]), 1, 0),
+    "more than 1024 bytes": (T([tx(10, 0, 1025, 16)]), 1, 0),
+    "a negative number of bytes": (T([tx(10, 0, -1, 16)]), 1, 0),
+    "inputs": (T([tx(0, 0, 4, 16, area=0x81)]), 2, 0),
+    "outputs": (T(rx_rows=[rx(4, 0, 0, 4, area=0x82)]), 2, 1),
+    "local data": (T([tx(0, 0, 4, 16, area=0x86)]), 2, 0),
+    "flags with a number of a block": (T([tx(3, 100, 4, 16, area=0x83)]), 2, 0),
+    "flags in place of IE_TX": (T([pointer(10, 0, 4) + pointer(0, 16, 4, area=0x83)]), 2, 0),
+    "a bit": (T([tx(10, 0, 4, 16, bit=7)]), 3, 0),
+    "a block that is not there": (T([tx(99, 0, 4, 16)]), 4, 0),
+    "DB 0": (T([tx(0, 0, 4, 16)]), 4, 0),
+    "DB 65535": (T([tx(-1, 0, 4, 16)]), 4, 0),
+    "a forbidden block": (T([tx(10, 0, 4, 16), tx(12, 0, 4, 20)]), 5, 1),
+    "a block that may only be read": (T([tx(11, 0, 4, 16)], [rx(4, 11, 0, 4)]), 5, 1),
+    "flags outside of the list": (T([tx(0, 98, 4, 16, area=0x83)]), 5, 0),
+    "flags beyond the list": (T([tx(0, 197, 4, 16, area=0x83)]), 5, 0),
+    "flags that may only be read": (T([tx(0, 100, 4, 16, area=0x83)],
+                                      [rx(4, 0, 100, 4, area=0x83)]), 5, 1),
+    "IE_TX as a source": (T([tx(1, 16, 4, 16)]), 5, 0),
+    "IE_ACC": (T([tx(5, 4, 4, 16)]), 5, 0), "IE_HELD": (T([tx(6, 4, 4, 16)]), 5, 0),
+    "the table in use": (T([tx(20, 0, 4, 16)]), 5, 0),
+    "the other table": (T([tx(21, 0, 4, 16)]), 5, 0),
+    "the loader": (T([tx(22, 0, 4, 16)]), 5, 0), "the instance": (T([tx(23, 0, 4, 16)]), 5, 0),
+    "one byte beyond the end": (T([tx(10, 20, 5, 16)]), 6, 0),
+    "an address beyond 32767": (T([tx(10, 65536, 4, 16)]), 6, 0),
+    "an address beyond 65535": (T([tx(10, 2097148, 4, 16)]), 6, 0),
+    "flags at the end of the world": (T([tx(0, 32767, 1, 16, area=0x83)]), 6, 0),
+    "two lengths": (T([pointer(10, 0, 4) + pointer(1, 16, 5)]), 7, 0),
+    "into the status": (T([tx(10, 0, 4, 15)]), 8, 0),
+    "beyond IE_TX": (T([tx(10, 0, 4, 45)]), 8, 0),
+    "another block than IE_TX": (T([pointer(10, 0, 4) + pointer(11, 16, 4)]), 8, 0),
+    "out of the header": (T(rx_rows=[rx(3, 10, 0, 4)]), 8, 1),
+    "beyond IE_RX": (T(rx_rows=[rx(29, 10, 0, 4)]), 8, 1),
+    "another block than IE_RX": (T(rx_rows=[pointer(10, 4, 4) + pointer(10, 0, 4)]), 8, 1),
+    "two rows, one byte out": (T([tx(10, 0, 4, 16), tx(10, 8, 4, 19)]), 9, 1),
+    "two rows, one byte in": (T([tx(10, 0, 12, 16)], [rx(4, 10, 0, 4), rx(8, 10, 3, 4)]), 9, 2),
+    "a row in a row": (T([tx(10, 0, 12, 16)], [rx(4, 10, 0, 8), rx(12, 10, 2, 2)]), 9, 2),
+    "a setpoint that is not shown": (T([tx(10, 0, 4, 16)], [rx(4, 10, 0, 5)]), 10, 1),
+    "a setpoint that other flags show": (T([tx(11, 0, 4, 16)], [rx(4, 10, 0, 4)]), 10, 1),
+    "no row": (T([], []), 23, 0),
+    "33 rows": (T([tx(10, 0, 1, 16 + i % 32) for i in range(33)]), 28, 0),
+    "wrong CRC": (GOOD[:6] + b"\1\2\3\4" + GOOD[10:], 24, 0),
+    "fewer rows than it says": (GOOD[:3] + b"\3" + GOOD[4:], 23, 0),
+    "more rows than it says": (GOOD[:3] + b"\1" + GOOD[4:], 23, 0),
+    "a negative number of rows": (GOOD[:2] + b"\xff\xff" + GOOD[4:], 23, 0),
+    "32767 rows": (GOOD[:2] + b"\x7f\xff" + GOOD[4:], 28, 0),
+    "half a head": (GOOD[:5], 23, 0),
+}
+
+
+@pytest.mark.parametrize("title", BAD, ids=range(len(BAD)))
+def test_refused(both, title):
+    """a table is refused with error and row, and the one in use stays: {title}"""
+    data, error, row = BAD[title]
+    synced(both)
+    crc = 0x12345678 if error == 24 else None
+    memory = {n: bytes(both.plc.memory(n)) for n in (0, 10, 11, 12, 20)}
+    status = load(both, data, 9, crc=crc)
+    assert status[:4] == (REFUSED, error, row, tables.crc_of(GOOD))
+    assert memory == {n: bytes(both.plc.memory(n)) for n in memory}
+    assert not both.plc.sync
+    synced(both)        # it goes on with what it had
+    assert load(both, OTHER, 10)[3] == tables.crc_of(OTHER)
+
+
+def test_write_protected(program):
+    """a block that is write protected in the CPU is not written by a row"""
+    plc = tables.Plc(program)
+    plc.machine.protected.add(10)
+    assert plc.load(T([tx(10, 0, 4, 16)], [rx(4, 10, 0, 4)]))[:3] == (REFUSED, 5, 1)
+    assert plc.load(T([tx(10, 0, 4, 16)]))[0] == ACTIVE
+
+
+# --- All pairs of a fault and a moment ----------------------------------------------------------
+
+def connection_lost(both):
+    both.cut()
+
+
+def plc_restarted(both):
+    both.restart()
+
+
+def ioc_killed(both):
+    """Nothing comes any more, and the connection is found dead later."""
+    for _ in range(20):
+        both.cycle()
+    both.cut()
+
+
+def second_ioc(both):
+    both.cut()
+    for block in tables.download(GOOD, 77)[:3]:
+        both.cycle(block)
+    both.cut()
+
+
+def second_ioc_same_connection(both):
+    for block in tables.download(GOOD, 77)[:2]:
+        both.cycle(block)
+
+
+def abort(both):
+    both.cycle(tables.command(tables.ABORT, 2))
+
+
+def lost_part(both):
+    both.cycle(tables.command(tables.PART, 2, 640, 4, bytes(4)))
+
+
+def silence(both):
+    both.cycle()
+    both.cycle(ms=6000)
+    both.cycle()
+
+
+def local(both):
+    both.plc.remote = False
+    both.cycle()
+    both.plc.remote = True
+    both.cycle()
+
+
+def key_switch(both):
+    both.plc.allow = False
+    both.cycle()
+    both.plc.allow = True
+    both.cycle()
+
+
+def bad_table(title):
+    def fault(both):
+        data, error, _ = BAD[title]
+        load(both, data, 55, crc=0x12345678 if error == 24 else None)
+    fault.__name__ = title
+    return fault
+
+
+FAULTS = [connection_lost, plc_restarted, ioc_killed, second_ioc, second_ioc_same_connection,
+          abort, lost_part, silence, local, key_switch, bad_table("wrong CRC"),
+          bad_table("one byte beyond the end"), bad_table("a forbidden block"),
+          bad_table("33 rows")]
+MOMENTS = 7 + 1 + 2 + 5 + 2     # BEGIN and parts, COMMIT, CRC, rows, in use
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda f: f.__name__)
+def test_fault_at_each_moment(program, step, fault):
+    """a fault at each moment of a download leaves a whole table in force: {fault}"""
+    blocks = tables.download(OTHER, 2)
+    assert len(blocks) == 8
+    seen = set()
+    for moment in range(MOMENTS + 1):
+        both = episodes.Episode(program, step, 0)
+        both.restart(quiet=True)
+        both.tables.update(tables.crc_of(data) for data in (GOOD, OTHER))
+        load(both, GOOD)
+        memory = {n: bytes(both.plc.memory(n)) for n in (0, 10, 11, 12)}
+        for number in range(moment):
+            both.cycle(blocks[number] if number < len(blocks) else None)
+        taken = both.plc.status()[3] == tables.crc_of(OTHER)
+        seen.add((both.plc.status()[0], taken))
+        fault(both)
+        for _ in range(30):
+            both.cycle()
+        in_force = both.in_force()
+        assert in_force in (GOOD, OTHER) and (in_force == OTHER or not taken)
+        assert memory == {n: bytes(both.plc.memory(n)) for n in memory}
+        assert load(both, OTHER, 88)[3] == tables.crc_of(OTHER)
+    assert seen == {(ACTIVE, False), (LOADING, False), (CHECKING, False), (ACTIVE, True)}
+
+
+def test_without_a_table(program, step):
+    """a PLC without a table takes nothing and says so; a table ends that"""
+    both = episodes.Episode(program, step, 0)
+    both.plc.machine.cold()
+    both.restart(quiet=True)
+    both.tables.add(tables.crc_of(GOOD))
+    before = {n: bytes(both.plc.memory(n)) for n in (0, 10, 11, 12)}
+    for flags in (tables.CHECK, tables.DATA, tables.CHECK | tables.DATA, 0):
+        both.cycle(tables.block(flags, 0, bytes(28)))
+    assert both.plc.status() == (NONE, 0, 0, 0, 0, 0, 4) and not both.plc.sync
+    assert before == {n: bytes(both.plc.memory(n)) for n in before}
+    assert load(both, GOOD)[0] == ACTIVE
+
+
+def test_keeps_its_table(both):
+    """a restart keeps a good table, and drops one that has changed meanwhile"""
+    both.restart()
+    for _ in range(3):
+        both.cycle()
+    assert both.plc.status()[:4] == (ACTIVE, 0, 0, tables.crc_of(GOOD))
+    both.plc.memory(20)[33] ^= 1
+    both.step.put(20, 33, bytes(both.plc.memory(20)[33:34]))
+    both.spoilt = True
+    both.restart()
+    both.spoilt = False
+    assert both.plc.status()[:4] == (NONE, 0, 0, 0)
+    both.cycle()
+
+
+def test_random_lives(program, step):
+    """random downloads, faults, restarts, HMI and IOCs: same bytes out, memory as rows allow
+
+    PLCLINK_EPISODES: so many, 60 by default; 10000 take six minutes.
+    """
+    count = int(os.environ.get("PLCLINK_EPISODES", "60"))
+    episodes.run(program, step, range(count))
+
+
+def test_mutants(step):
+    """slips of the keyboard in the loader do not compile, or its bytes differ from plcSim's
+
+    PLCLINK_MUTANTS: each how-manieth is tried, 60 by default here.
+    """
+    number = int(os.environ.get("PLCLINK_MUTANTS", "60"))
+    refused = failed = 0
+    left = []
+    for index, (pos, what, text) in enumerate(mutate.mutants(TEXT)):
+        if index % number:
+            continue
+        try:
+            program = Program(text, texts.symbols(text))
+        except SclError:
+            refused += 1
+            continue
+        if lives(program, step):
+            left.append(f"{pos[0]}: {what}: {TEXT.splitlines()[pos[0] - 1].strip()}")
+        else:
+            failed += 1
+    print(f"{refused} refused, {failed} noticed, {len(left)} not")
+    print("\n".join(left))
+    assert refused + failed >= 5 * len(left)
+
+
+def lives(program, step):
+    """True when neither the tables that are refused nor some lives show a difference."""
+    try:
+        for title in BAD:
+            data, error, row = BAD[title]
+            both = episodes.Episode(program, step, 0)
+            both.restart(quiet=True)
+            both.tables.update(tables.crc_of(data) for data in (GOOD, OTHER))
+            load(both, GOOD)
+            crc = 0x12345678 if error == 24 else None
+            assert load(both, data, 9, crc=crc)[:3] == (REFUSED, error, row)
+        episodes.run(program, step, range(1000, 1015))
+    except (AssertionError, SclError, KeyError):
+        return False
+    return True
+
+
+# --- The program of plc-programming.md against plcSim's ------------------------------------------
+
+def test_guide():
+    """the program of plc-programming.md and plcSim's send the same bytes, block by block"""
+    text = scenarios.document()
+    program = Program(text, texts.symbols(text))
+    step = Step([f"blocks {scenarios.IN} {scenarios.OUT}", "db 10 24", "db 11 24",
+                 f"layout {scenarios.LAYOUT}", "tx P#DB10.DBX0.0 BYTE 8 -> 4",
+                 "rx 4 -> P#DB10.DBX0.0 BYTE 8", f"begin 0 {scenarios.WATCHDOG}"])
+    try:
+        for seed in range(40):
+            episodes.guide(program, step, seed)
+    finally:
+        step.close()
