@@ -65,7 +65,7 @@ static void arrive(stream *s, size_t size, epicsUInt64 gap)
     }
 }
 
-static const char *const verdicts[] = {"open", "trusted", "wrong"};
+static const char *const verdicts[] = {"open", "trusted", "doubt", "wrong"};
 
 static const struct {
     const char *sentence;
