@@ -9,7 +9,7 @@
  *   - an output without read-back holds the last put, always;
  *   - inputs show the last block, and nothing has an alarm.
  *
- * Arguments: number of episodes (60, or PLCLINK_EPISODES; "600s": so long), seed (from the
+ * Arguments: number of episodes (30, or PLCLINK_EPISODES; "600s": so long), seed (from the
  * clock). One thread plays the PLC, the HMI and the client.
  */
 #include <arpa/inet.h>
@@ -482,13 +482,13 @@ static int isOver(unsigned long done, unsigned long wanted, double seconds, doub
 MAIN(blockStressTest)
 {
     const char *wanted = argc > 1 ? argv[1] : getenv("PLCLINK_EPISODES");
-    unsigned long episodes = wanted ? strtoul(wanted, NULL, 0) : 60, i = 0;
+    unsigned long episodes = wanted ? strtoul(wanted, NULL, 0) : 30, i = 0;
     double seconds = wanted && strchr(wanted, 's') ? (double)episodes : 0, begin = clockNow();
     unsigned long long seed = argc > 2 ? strtoull(argv[2], NULL, 0) : epicsMonotonicGet();
 
     testPlan(0);
     state = seed;
-    testDiag("%s episodes, seed %llu", wanted ? wanted : "60", seed);
+    testDiag("%s episodes, seed %llu", wanted ? wanted : "30", seed);
     plc.fd = -1;
     plc.period = 0.002;
     plc.listener = toolListen(&plc.port);

@@ -9,7 +9,8 @@
  * nor a put of before a loss ever get there. When the faults are over, both must find
  * each other.
  *
- * Arguments: number of episodes (300, or PLCLINK_EPISODES), seed (from the clock).
+ * Arguments: number of episodes (300, or PLCLINK_EPISODES; "600s": so long), seed (from the
+ * clock).
  * One thread plays the PLC, the HMI and the client; the station has its own.
  */
 #include <stdio.h>
@@ -391,21 +392,20 @@ static void plcEnds(void)
 
 MAIN(syncStressTest)
 {
-    const char *wanted = getenv("PLCLINK_EPISODES");
-    unsigned long episodes = argc > 1 ? strtoul(argv[1], NULL, 0)
-                             : wanted ? strtoul(wanted, NULL, 0)
-                                      : 300;
+    const char *wanted = argc > 1 ? argv[1] : getenv("PLCLINK_EPISODES");
+    unsigned long episodes = wanted ? strtoul(wanted, NULL, 0) : 300;
     unsigned long long seed = argc > 2 ? strtoull(argv[2], NULL, 0) : epicsMonotonicGet();
     unsigned long i;
     double begin = simNow();
+    double end = wanted && strchr(wanted, 's') ? begin + (double)episodes : 0;
 
     testPlan(2);
-    testDiag("%lu episodes, seed %llu", episodes, seed);
+    testDiag("%s episodes, seed %llu", wanted ? wanted : "300", seed);
     state = seed;
     eltc(0);
     plcStarts();
     iocStarts();
-    for (i = 0; i < episodes && episode(); i++)
+    for (i = 0; (end ? simNow() < end : i < episodes) && episode(); i++)
         ;
     if (failure[0])
         testDiag("episode %lu: %s", i, failure);
@@ -414,10 +414,10 @@ MAIN(syncStressTest)
         "the IOC %u, of the PLC %u; breaks %u",
         i, simNow() - begin, putCount, refused, taken, hmiChanges, iocRestarts,
         plcRestarts, breaks);
-    testOk(i == episodes,
+    testOk(!failure[0],
            "the PLC never took a setpoint but a client's put after SYNC, and "
            "after each episode both sides found each other");
-    testOk(taken > episodes / 2, "many puts got through");
+    testOk(taken > i / 2, "many puts got through");
     plcStationsDestroy();
     plcEnds();
     free(accepted);
