@@ -14,8 +14,8 @@
  *      before; else when its next block does not come in time. A block of the PRIMARY
  *      refutes the claim, and earns it a third of an interval more patience next time.
  *   4. Who claims again after it was refuted three times shows that both send: "two
- *      PRIMARYs". The present one stays until it misses two blocks.
- * So neither blocks of the old PRIMARY that were still on their way nor two PRIMARYs make
+ *      PRIMARIES". The present one stays until it misses two blocks.
+ * So neither blocks of the old PRIMARY that were still on their way nor two PRIMARIES make
  * the roles go to and fro.
  */
 #ifndef INC_pairRole_H

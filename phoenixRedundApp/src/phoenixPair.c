@@ -147,7 +147,7 @@ static phoenixBackup backupOf(const phoenixPair *p)
     return who ? phoenixSecondLinked : phoenixFirstLinked;
 }
 
-/* What one echo says. Who never answered may be deaf to ICMP: then TCP alone tells. */
+/* What one echo says. Who never answered may never answer ICMP: then TCP alone tells. */
 static phoenixReach reachOf(const phoenixPair *p, unsigned which, int answers)
 {
     if (answers > 0)
@@ -358,10 +358,10 @@ static void report(void *pvt, FILE *file, int level)
     int i;
 
     phoenixPairStatus(p, &s);
-    fprintf(file, "    pair: PRIMARY %s, BACKUP %s%s, %u switch-overs\n",
+    fprintf(file, "    pair: PRIMARY %s, BACKUP %s%s, %u switch-over%s\n",
             s.primary == pairNobody ? "unknown" : phoenixName[s.primary],
             phoenixBackupText[s.backup], s.twoPrimaries ? ", TWO PRIMARIES" : "",
-            (unsigned)s.switchovers);
+            (unsigned)s.switchovers, s.switchovers == 1 ? "" : "s");
     if (level < 1)
         return;
     for (i = 0; i < PLC_LINKS_MAX; i++)

@@ -193,7 +193,7 @@ static asynStatus commonConnect(void *pvt, asynUser *user)
     plcWakeUp(&port->wake);
     if (plcStationConnected(port->station, reason))
         return asynSuccess;
-    return plcAsynFail(user, asynDisconnected, COMM_ALARM, "%s: %s; the driver tries on",
+    return plcAsynFail(user, asynDisconnected, COMM_ALARM, "%s: %s; the driver keeps trying",
                        port->name, reason);
 }
 

@@ -130,7 +130,19 @@ def test_closed_by_plc(pair):
     peer.hang_up()
     peer.wait_connected(2)
     ioc.command("")
-    assert ioc.log_count("disconnected: connection closed by PLC") == 1
+    assert ioc.log_count("disconnected: connection closed by PLC (127.0.0.1 port ") == 1
+
+
+def test_another_client(new_peer, new_ioc):
+    """a PLC that hangs up at once may have another client: the log asks that, once"""
+    peer = new_peer(8, 4)
+    ioc = new_ioc(peer.configure(), DB)
+    for count in range(1, 4):
+        peer.wait_connected(count)
+        peer.hang_up()
+    ioc.wait_log("is another client connected to it?")
+    ioc.command("")
+    assert ioc.log_count("is another client connected to it?") == 1
 
 
 def test_silence(pair):

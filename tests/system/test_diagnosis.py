@@ -54,7 +54,7 @@ def test_right_after_wrong(new_peer, new_ioc):
     peer.every(0.02, struct.pack(">i", 77).ljust(64, b"\0"))
     ioc.wait_value("in", 77)
     ioc.wait_alarm("in", "NO_ALARM")
-    assert ioc.log_count("the block size is right now") == 1
+    assert ioc.log_count("blocks have the right size again") == 1
 
 # Each block holds its number at both ends; `wrong` counts those that do not.
 ENDS = """

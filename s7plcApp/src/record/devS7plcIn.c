@@ -60,7 +60,7 @@ static void smoothAi(aiRecord *prec, double value)
     prec->val = value;
 }
 
-/* The conversion of the ai record, in double from the start: RVAL has but 31 bits for a
+/* The conversion of the ai record, in double from the start: RVAL has only 31 bits for a
  * UINT32. */
 static void convertAi(aiRecord *prec, double value)
 {

@@ -69,7 +69,7 @@ static epicsInt64 clip(const devRecord *dev, double value)
     return (epicsInt64)value;
 }
 
-/* The conversion of the ao record, in double to the end: RVAL has but 31 bits for a
+/* The conversion of the ao record, in double to the end: RVAL has only 31 bits for a
  * UINT32. */
 static double convertAo(aoRecord *prec)
 {

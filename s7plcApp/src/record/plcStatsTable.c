@@ -243,7 +243,7 @@ const plcStatRow plcStatRows[] = {
     {"requestLatencyMax", plcStatReal,   getReal,      AT(requestLatencyMax), "ms",
      "the longest"},
     {"clockErrors",      plcStatInteger, getCount,     AT(clockErrors),     "",
-     "blocks whose PLC clock was no date"},
+     "blocks whose PLC clock showed no valid date"},
     {"clockOffset",      plcStatReal,    getReal,      AT(clockOffset),     "s",
      "PLC clock minus IOC clock (option timestamp)"},
     {"period",           plcStatReal,    getReal,      AT(periodLast),      "ms",

@@ -19,6 +19,7 @@ static const unsigned backoff[] = {0, 50, 100, 200, 400, 700};
 
 /* A connection that lasted this long is a good one, ms. */
 #define SETTLED_MS 2000
+#define TAKEN_MS 2000 /* see looksTaken */
 
 /* Records that have not processed so long after a loss have something else to do, ms. */
 #define LOSS_SEEN_MS 500
@@ -56,7 +57,7 @@ PLC_COLD static void retire(plcStation *s, unsigned i, epicsUInt64 now)
     if (!plcConnectionDelivered(c))
         plcLineLost(s, i, now, "leads no longer, output discarded");
     else if (s->policy->suspect && s->policy->suspect(s->policyPvt, i))
-        plcLineLost(s, i, now, "fell silent, is connected anew");
+        plcLineLost(s, i, now, "silent; its connection is made anew");
 }
 
 /* The image leaves to another PLC, or on another connection, with every put that a record
@@ -152,7 +153,7 @@ PLC_COLD static void lineFailed(plcStation *s, unsigned i, epicsUInt64 now,
     if (!line->logged) {
         line->logged = 1;
         epicsSnprintf(text, sizeof(text),
-                      "cannot connect to %s%s%s port %d: %s; trying on", lineName(s, i),
+                      "cannot connect to %s%s%s port %d: %s; the driver keeps trying", lineName(s, i),
                       line->host, line->plus ? "+1" : "", line->port, why);
         plcStationLog(s, errlogMajor, text);
     }
@@ -183,21 +184,42 @@ static epicsUInt64 silenceDue(const plcStation *s, const plcLine *line)
            plcMsToNs(s->now.recvTimeout);
 }
 
+/* One that ends at once, without a block: many PLCs serve one client for each port. */
+static int looksTaken(const plcStation *s, unsigned i, epicsUInt64 lasted, const char *why)
+{
+    return s->inSize && !plcLineIsOutput(s, i) && !plcLineExchanges(s, i) &&
+           !plcStationIsPair(s) && !s->lines[i].lastBlock && lasted < plcMsToNs(TAKEN_MS) &&
+           (strstr(why, "closed by PLC") || strstr(why, "reset by PLC"));
+}
+
+/* Who was lost, why, where, and after how long. */
+PLC_COLD static void logLost(plcStation *s, unsigned i, epicsUInt64 lasted, const char *why)
+{
+    const plcLine *line = &s->lines[i];
+    char text[400];
+
+    epicsSnprintf(text, sizeof(text), "%sdisconnected: %s (%.200s%s port %d, connected for "
+                  "%.1f s)%s", lineName(s, i), why, line->host, line->plus ? "+1" : "",
+                  line->port, lasted * 1e-9,
+                  looksTaken(s, i, lasted, why) ? "; is another client connected to it?" : "");
+    plcStationLog(s, errlogMajor, text);
+}
+
 /* A connection that was up is gone, or has to go: closes it and says so. */
 PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char *why)
 {
     plcLine *line = &s->lines[i];
     const plcConnection *c = &line->connection;
     epicsUInt64 lasted = c->state == plcConnectionUp ? now - c->since : c->lasted;
-    char text[200];
     int led = (int)i == s->leader;
 
     /* One that held for a while was good: a PLC that hangs up at once is tried slower. */
     if (lasted >= plcMsToNs(SETTLED_MS))
         line->failures = 0;
-    epicsSnprintf(text, sizeof(text), "%sdisconnected: %s", lineName(s, i), why);
     if (!line->fruitless && !(line->wrongSize && babbles(line)))
-        plcStationLog(s, errlogMajor, text);
+        logLost(s, i, lasted, why);
+    if (!line->fruitless)
+        line->quietSince = line->lastBlock ? line->lastBlock : c->since;
     /* One that accepts connections and sends nothing says so once. */
     line->fruitless = plcLineIsOutput(s, i)
                           ? !epicsAtomicGetIntT(&s->taken)
@@ -243,7 +265,7 @@ PLC_COLD static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
     char text[200];
 
     if (!line->wrongSize && !line->fruitless) {
-        if (line->lostAt)
+        if (line->lostAt && now - line->lostAt >= plcMsToNs(100))
             epicsSnprintf(text, sizeof(text), "%sconnected to %s%s port %d, after %.1f s",
                           lineName(s, i), line->host, line->plus ? "+1" : "",
                           line->port, (now - line->lostAt) * 1e-9);
@@ -433,9 +455,12 @@ static void lineBlocks(plcStation *s, unsigned i, size_t count, epicsUInt64 now)
     char text[200];
 
     if (line->wrongSize && !babbles(line))
-        plcStationLog(s, errlogInfo, "the block size is right now");
-    else if (!line->wrongSize && line->fruitless)
-        plcStationLog(s, errlogInfo, "blocks come again");
+        plcStationLog(s, errlogInfo, "blocks have the right size again");
+    else if (!line->wrongSize && line->fruitless) {
+        epicsSnprintf(text, sizeof(text), "blocks come again, after %.1f s",
+                      (now - line->quietSince) * 1e-9);
+        plcStationLog(s, errlogInfo, text);
+    }
     line->wrongSize = line->fruitless = 0;
     line->lostWhy[0] = 0;
     line->lastBlock = now;

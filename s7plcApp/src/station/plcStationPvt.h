@@ -61,7 +61,8 @@ typedef struct plcLine {
     int wrongSize;         /* the block size was found wrong and not found right since */
     unsigned verdicts;     /* that the size is wrong, since: */
     epicsUInt64 verdictsSince;
-    int fruitless;         /* it was lost before its first block, and has said so */
+    int fruitless;         /* it was lost before its first block, and has said so, since: */
+    epicsUInt64 quietSince;
     int logged;            /* "cannot connect" has been said */
     char lostWhy[PLC_REASON_SIZE]; /* it has been silent: why it was lost; "": it sends */
     char *spare;           /* of a pair: its newest block while the other leads */
