@@ -11,6 +11,7 @@
 #include <biRecord.h>
 #include <cantProceed.h>
 #include <dbAccess.h>
+#include <dbEvent.h>
 #include <devSup.h>
 #include <epicsStdio.h>
 #include <epicsString.h>
@@ -262,7 +263,10 @@ static void attach(dbCommon *prec)
     if (resolve(prec, text ? text : "", own) == 0)
         return;
     recGblSetSevrMsg(prec, LINK_ALARM, INVALID_ALARM, "wrong link, see the IOC's log");
-    recGblResetAlarms(prec);
+    if (running)
+        recGblGetTimeStamp(prec);
+    if (recGblResetAlarms(prec) && running)
+        db_post_events(prec, NULL, DBE_ALARM);
 }
 
 /* --- Functions that Base calls ------------------------------------------------------ */

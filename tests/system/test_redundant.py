@@ -335,7 +335,8 @@ def test_refused_links(tmp_path, closing):
     db.write_text("".join(
         f'record({kind},"{ioc.P}w{i}"){{field(DTYP,"phoenixplc")field(INP,"{link}")}}\n'
         for i, (kind, link) in enumerate([("longin", "@B/primary"), ("longin", "@A/primay"),
-                                          ("ai", "@A/lastSwitchReason"), ("mbbi", "@")])))
+                                          ("ai", "@A/lastSwitchReason"), ("mbbi", "@"),
+                                          ("longin", "@A/primary")])))
     text = ioc.script.read_text().replace("iocInit", f'dbLoadRecords("{db}")\niocInit')
     ioc.script.write_text(text)
     ioc.start()
@@ -344,6 +345,15 @@ def test_refused_links(tmp_path, closing):
         assert ioc.severity(f"w{i}") == "INVALID"
         assert f'"{ioc.P}w{i}" INP' in ioc.log
     assert "allowed: backup primary" in ioc.log
+
+    def stamp():
+        return ioc.pv("w4").get_with_metadata(form="time", use_monitor=False)["timestamp"]
+    ioc.process_record("w4")
+    ioc.wait_alarm("w4", "NO_ALARM")
+    before = stamp()
+    ioc.put("w4.INP", "@A/primay")
+    ioc.wait_alarm("w4", "INVALID", "LINK", "wrong link")
+    assert stamp() > before, "an alarm has a time of its own"
 
 
 def test_demo():
