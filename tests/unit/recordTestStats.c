@@ -340,15 +340,17 @@ static void testShow(plcStation *s)
     text = shown(s, "out");
     has(text, "P out, IOC -> PLC: 32 bytes, 2 records\n");
     has(text, "        4-7         show:out (ao INT32) = 0, read back at 20\n");
-    has(text, "        8-9         show:bits (mbbo UINT16 bits 0030) = 0\n");
+    has(text, "        8-9         show:bits (mbbo UINT16 bits 0030) = 0, never written\n");
     has(text, "  Overlaps: none\n  Bytes that no record writes: 0-3, 10-31 (26 of 32)\n");
     put("show:out.OUT", "@P/16 T=INT16");
     put("show:byte.INP", "@P/nonsense here");
     text = shown(s, "records");
     has(text, "P: 5 input records\n");
     has(text, "P: 2 output records\n");
-    has(text, "        16-17       show:out (ao INT16) = 0\n");
+    has(text, "        16-17       show:out (ao INT16) = 0, never written\n");
     testOk(strstr(text, "show:byte") == NULL, "a refused link is not in the list");
+    put("show:out", "5");
+    has(shown(s, "records"), "        16-17       show:out (ao INT16) = 5\n");
     testOk(plcShow(s, "nonsense", stdout) == -1, "show nonsense is refused");
 }
 
@@ -404,7 +406,7 @@ static void runGood(void)
 
 MAIN(recordTestStats)
 {
-    testPlan((int)combinations() + 2 * (int)COUNT(refused) + 56 + (int)COUNT(types));
+    testPlan((int)combinations() + 2 * (int)COUNT(refused) + 58 + (int)COUNT(types));
     testManual();
     runRefused();
     runGood();

@@ -46,6 +46,13 @@ void plcUsersRemove(plcUsers *users, plcUser *user)
     epicsAtomicIncrIntT(&users->changes);
 }
 
+void plcUsersWritten(plcUsers *users, plcUser *user)
+{
+    epicsMutexMustLock(users->lock);
+    user->unwritten = 0;
+    epicsMutexUnlock(users->lock);
+}
+
 int plcUsersChanges(plcUsers *users)
 {
     return epicsAtomicGetIntT(&users->changes);

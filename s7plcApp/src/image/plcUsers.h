@@ -24,6 +24,7 @@ typedef struct plcUser {
     epicsUInt64 mask;       /* the bits of the element that are its own; 0: all */
     int hasReadback;
     size_t readback;        /* offset in the input block, when hasReadback */
+    int unwritten;          /* an output that never wrote, nor took the PLC's value */
 } plcUser;
 
 typedef struct plcUsers plcUsers;
@@ -35,6 +36,9 @@ void plcUsersDestroy(plcUsers *users);
 /* The record keeps *user where it is until it is removed. */
 void plcUsersAdd(plcUsers *users, plcUser *user);
 void plcUsersRemove(plcUsers *users, plcUser *user);
+
+/* The record has written, or has taken the PLC's value. */
+void plcUsersWritten(plcUsers *users, plcUser *user);
 
 /* A number that is another one after each of these. */
 int plcUsersChanges(plcUsers *users);

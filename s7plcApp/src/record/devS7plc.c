@@ -253,7 +253,7 @@ static void enlist(dbCommon *prec, devRecord *dev)
         return;
     user->name = prec->name;
     user->recordType = support->shape.recordType;
-    user->output = support->direction == devOut;
+    user->output = user->unwritten = support->direction == devOut;
     user->offset = dev->offset;
     user->length = dev->length;
     user->type = dev->type;
@@ -544,6 +544,13 @@ PLC_HOT long devFetchInt(dbCommon *prec, epicsInt64 *value)
     return 0;
 }
 
+/* For s7plcShow: an output that no one ever wrote is a PINI that was forgotten. */
+void devHasValue(devRecord *dev)
+{
+    if (dev->user.unwritten) /* no other thread sets it */
+        plcUsersWritten(plcStationUsers(dev->station), &dev->user);
+}
+
 long devStore(dbCommon *prec, const void *bytes, const void *mask)
 {
     devRecord *dev = devOf(prec);
@@ -558,6 +565,7 @@ long devStore(dbCommon *prec, const void *bytes, const void *mask)
                        dev->station, dev->offset, dev->length, bytes, mask, reason) != 0;
     if (dev->refused)
         return devRefuseWrite(prec, "%s", reason);
+    devHasValue(dev);
     if (dev->shown)
         devWrote(dev, bytes, mask);
     if (dev->shown && !reason[0] && !plcStationTaken(dev->station))

@@ -133,6 +133,9 @@ void devAwayForget(void);
  */
 void devFollowAll(plcStation *station);
 
+/* The output has written, or has taken the PLC's value. */
+void devHasValue(devRecord *dev);
+
 /* VAL shows what the output image holds now. */
 void devShow(devRecord *dev);
 

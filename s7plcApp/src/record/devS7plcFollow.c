@@ -67,6 +67,7 @@ static void takeValue(dbCommon *prec, devRecord *dev)
     const devSupport *support = (const devSupport *)prec->dset;
 
     devShow(dev);
+    devHasValue(dev);
     support->follow(prec, dev, dev->shown);
     prec->udf = FALSE;
 }

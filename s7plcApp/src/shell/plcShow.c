@@ -119,6 +119,8 @@ static void printUser(const view *v, const plcUser *user)
             value);
     if (user->hasReadback)
         fprintf(v->file, ", read back at %lu", (unsigned long)user->readback);
+    if (user->unwritten)
+        fprintf(v->file, ", never written");
     fprintf(v->file, "\n");
 }
 
