@@ -99,8 +99,8 @@ const simEipType *simEipTypeFind(const simEipTypes *types, const char *name)
 
 unsigned simEipTemplateId(const simEipTypes *types, const simEipType *type)
 {
-    if (type->index < 0)
-        return STRING_TEMPLATE;
+    if (type->predefined)
+        return type->predefined;
     return FIRST_TEMPLATE +
            ((unsigned)type->index * 7 + types->shift * 53) % TEMPLATE_SPAN;
 }
@@ -297,8 +297,8 @@ static void makeDefinition(const simEipTypes *types, simEipType *type)
     epicsUInt8 *p;
     size_t i;
 
-    simTextAdd(&names, "%s", type->index < 0 ? "ASCIISTRING82" : type->name);
-    if (type->index >= 0) {
+    simTextAdd(&names, "%s", type == types->string ? "ASCIISTRING82" : type->name);
+    if (!type->predefined) {
         simTextAdd(&names, ";n");
         for (i = 0; i < type->memberCount; i++)
             simTextAdd(&names, type->members[i].hidden ? "E@" : "EA");
@@ -348,7 +348,7 @@ static simEipType *newType(const simEipTypes *types, const char *name)
 static void addType(simEipTypes *types, simEipType *type)
 {
     type->size = aligned(type->size, type->align);
-    if (type->index >= 0)
+    if (!type->predefined)
         makeHandle(types, type);
     makeDefinition(types, type);
     types->list = realloc(types->list, (types->count + 1) * sizeof(*types->list));
@@ -372,6 +372,39 @@ void simEipTypesShift(simEipTypes *types)
     types->shift++;
     for (i = 0; i < types->count; i++)
         makeDefinition(types, types->list[i]);
+}
+
+/* TIMER and COUNTER: a word of bits, a preset and what has been counted. */
+static void addCounters(simEipTypes *types)
+{
+    static const struct counter {
+        const char *name;
+        unsigned id;         /* of its template, and its handle */
+        const char *bits[6]; /* from bit 31 of the word down */
+    } counters[] = {
+        {"TIMER",   0xF83, {"EN", "TT", "DN"}            },
+        {"COUNTER", 0xF82, {"CU", "CD", "DN", "OV", "UN"}},
+    };
+    size_t i;
+    int k;
+
+    for (i = 0; i < sizeof(counters) / sizeof(counters[0]); i++) {
+        simEipType *type = newType(types, counters[i].name);
+
+        type->predefined = type->handle = counters[i].id;
+        place(type, addMember(type, "CTL", findElementary("DINT"), 0));
+        type->members[0].hidden = 1;
+        place(type, addMember(type, "PRE", findElementary("DINT"), 0));
+        place(type, addMember(type, "ACC", findElementary("DINT"), 0));
+        for (k = 0; counters[i].bits[k]; k++) {
+            simEipMember *m =
+                addMember(type, counters[i].bits[k], findElementary("BOOL"), 0);
+
+            m->offset = 3; /* the last byte of CTL */
+            m->bit = 7 - k;
+        }
+        addType(types, type);
+    }
 }
 
 /* ---- statements ---- */
@@ -472,11 +505,12 @@ void simEipTypesInit(simEipTypes *types, simEipStrings strings)
     if (types->string)
         return;
     type = newType(types, "STRING");
-    type->index = -1;
+    type->predefined = STRING_TEMPLATE;
     type->handle = SIM_EIP_STRING_HANDLE;
     makeString(type, STRING_TEXT);
-    addType(types, type);
     types->string = type;
+    addType(types, type);
+    addCounters(types);
 }
 
 void simEipTypesFree(simEipTypes *types)

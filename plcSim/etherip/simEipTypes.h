@@ -44,11 +44,12 @@ struct simEipMember;
 typedef struct simEipType {
     char name[SIM_EIP_NAME];
     simEipKind kind;
-    unsigned code; /* on the wire */
-    size_t size;   /* bytes of one element in memory */
-    size_t align;  /* bytes */
-    size_t text;   /* strings: how many characters fit, else 0 */
-    int index;     /* structures: order of definition; -1 = predefined */
+    unsigned code;       /* on the wire */
+    size_t size;         /* bytes of one element in memory */
+    size_t align;        /* bytes */
+    size_t text;         /* strings: how many characters fit, else 0 */
+    int index;           /* structures: order of definition */
+    unsigned predefined; /* instance of its template, 0 = from a udt line */
     unsigned handle;
     struct simEipMember *members;
     size_t memberCount;     /* hidden ones too */

@@ -41,6 +41,8 @@ tag Cube   DINT[2,3,4]
 tag Texts  STRING[60]
 tag Inlet  Valve
 tag Valves Valve[40]
+tag Wait   TIMER
+tag Count  COUNTER
 tag Fixed  DINT readonly = 7
 tag Secret DINT hidden
 tag Moving REAL sine -5 5 2s
@@ -56,7 +58,7 @@ VALUES = {
     "LREAL": [1e-300, -2.5], "STRING": ["", "x" * 82], "Program:Main.Speed": [2.25],
     "INTs[2999]": [-5], "Cube[1,2,3]": [77], "Texts[59]": ["last"], "Inlet.Position": [0.5],
     "Inlet.Where.Y": [8.0], "Inlet.Spots[2].X": [9.5], "Inlet.Counts[4]": [-9],
-    "Program:Main.Point.Y": [4.0],
+    "Program:Main.Point.Y": [4.0], "Wait.PRE": [5000], "Count.DN": [True],
 }
 PROFILES = ["l8x", "enet"]
 
@@ -207,6 +209,9 @@ def test_pycomm3_browse(new_tags, new_comm):
         "Open", "Closed", "Position", "Counts", "Name", "Where", "Flags", "Spots", "Big", "Last"]
     assert plc.data_types["Valve"]["internal_tags"]["Spots"]["array"] == 3
     assert plc.data_types["STR20"]["string"] == 20
+    assert plc.data_types["TIMER"]["attributes"] == ["PRE", "ACC", "EN", "TT", "DN"]
+    assert plc.write("Count.OV", True).error is None and plc.read("Count").value == {
+        "PRE": 0, "ACC": 0, "CU": False, "CD": False, "DN": False, "OV": True, "UN": False}
     assert plc.get_plc_time().value is not None
     assert plc.get_module_info(0)["product_name"] == "1756-L83E/B"
 

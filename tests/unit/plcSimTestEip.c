@@ -260,6 +260,11 @@ static const struct {
      "83 00 00 00 02 00 05 00 00 00 58 00 00 00 01 00 00 00 ce 0f"},
     {"its members", "4c 03 20 6c 25 00 ce 0f 00 00 00 00 10 00",
      "cc 00 00 00 00 00 c4 00 00 00 00 00 52 00 c2 20 04 00 00 00"},
+    {"the template of TIMER", "03 03 20 6c 25 00 83 0f 04 00 04 00 05 00 02 00 01 00",
+     "83 00 00 00 04 00 04 00 00 00 19 00 00 00 05 00 00 00 0c 00 00 00 02 00 00 00 06 00 "
+     "01 00 00 00 83 0f"},
+    {"its bit TT is bit 6 of byte 3", "4c 03 20 6c 25 00 83 0f 20 00 00 00 08 00",
+     "cc 00 00 00 06 00 c1 00 03 00 00 00"},
     {"a template that is not there", "03 03 20 6c 25 00 00 02 01 00 01 00",
      "83 00 05 00"},
     {"Unconnected_Send in a connection", "52 02 20 06 24 01 0a f0 02 00 4c 00 01 00 01 00",
@@ -750,7 +755,7 @@ static void testMutated(void)
 
 MAIN(plcSimTestEip)
 {
-    testPlan(217);
+    testPlan(219);
     testServed();
     testLimits();
     testUnconnected();

@@ -118,7 +118,8 @@ static const char plant[] = ON "udt Pair A:INT Ok:BOOL Fine:BOOL\n"
                                "tag T STRING = ab\n"
                                "tag P Pair[2]\n"
                                "tag X DINT[2,3] = 0 1 2 10 11 12\n"
-                               "tag Program:Main.Z SINT = -1\n";
+                               "tag Program:Main.Z SINT = -1\n"
+                               "tag Wait TIMER\n";
 
 static int shows(const char *tag, const char *value)
 {
@@ -162,7 +163,7 @@ static int takesAll(const char *tag, const char *line)
 
 static void testValues(void)
 {
-    char three[] = "3", text[] = "a\"b", large[] = "40000";
+    char one[] = "1", three[] = "3", text[] = "a\"b", large[] = "40000";
 
     build(plant);
     testOk(shows("X", "0 1 2 10 11 12"), "a whole array");
@@ -174,6 +175,9 @@ static void testValues(void)
     testOk(takes("p[1].a", three) && shows("P[1]", "{A=3 Ok=0 Fine=0}"), "a member");
     testOk(takes("T", text) && shows("T", "\"a\\x22b\""), "a string");
     testOk(!takes("I[0]", large) && shows("I[0]", "1"), "no value that does not fit");
+    testOk(takes("Wait.DN", one) && shows("Wait", "{PRE=0 ACC=0 EN=0 TT=0 DN=1}") &&
+               shows("Wait.CTL", "536870912"),
+           "DN of a TIMER is bit 29 of its first word");
     testOk(!takes("I[10]", three), "no element that is not there");
     testOk(!takes("Program:Main.Q", three) && takes("Program:Main.Z", three),
            "a program");
@@ -182,7 +186,7 @@ static void testValues(void)
 
 MAIN(plcSimTestEipFile)
 {
-    testPlan(34 + 9);
+    testPlan(34 + 10);
     testBad();
     testValues();
     return testDone();
