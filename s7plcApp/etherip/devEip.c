@@ -41,11 +41,11 @@ static unsigned periodOf(dbCommon *prec, const eipLink *link)
 {
     double seconds = link->period;
 
-    if (seconds <= 0 && prec->scan >= SCAN_1ST_PERIODIC)
+    if (!(seconds > 0) && prec->scan >= SCAN_1ST_PERIODIC)
         seconds = scanPeriod(prec->scan);
-    if (seconds <= 0)
+    if (!(seconds > 0))
         seconds = drvEtherIP_default_rate;
-    if (seconds <= 0) {
+    if (!(seconds > 0)) {
         if (!link->statistic)
             devWarn(prec, "no period: S seconds in the link, SCAN or drvEtherIP_default_rate "
                     "would say one; 1 s is taken");

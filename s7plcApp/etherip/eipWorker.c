@@ -18,7 +18,7 @@ eipWorker *eipWorkerCreate(const plcTransportSetup *setup, const eipConnectOptio
     size_t size = setup->inSize + 1;
 
     w->setup = *setup;
-    w->event = epicsEventMustCreate(epicsEventEmpty);
+    w->canWake = plcWakeInit(&w->wake) == 0;
     w->lock = epicsMutexMustCreate();
     w->tagsLock = epicsMutexMustCreate();
     w->handed = INVALID_SOCKET;
@@ -45,7 +45,7 @@ void eipWorkerBegin(eipWorker *w)
     epicsThreadOpts opts = EPICS_THREAD_OPTS_INIT;
     char name[64];
 
-    if (w->thread)
+    if (w->thread || !w->canWake)
         return;
     opts.priority = epicsThreadPriorityHigh;
     opts.stackSize = epicsThreadStackBig;
@@ -53,8 +53,6 @@ void eipWorkerBegin(eipWorker *w)
     w->ending = 0;
     epicsSnprintf(name, sizeof(name), "%.40s-eip", w->setup.name);
     w->thread = epicsThreadCreateOpt(name, worker, w, &opts);
-    if (!w->thread)
-        cantProceed("etherip %s: no thread\n", w->setup.name);
 }
 
 /* A request that is under way ends at once; else the worker says goodbye to the PLC. The lock
@@ -76,7 +74,7 @@ void eipWorkerEnd(eipWorker *w)
         epicsSocketDestroy(w->handed);
     w->handed = INVALID_SOCKET;
     epicsMutexUnlock(w->lock);
-    epicsEventSignal(w->event);
+    plcWakeUp(&w->wake);
     epicsThreadMustJoin(w->thread);
     w->thread = NULL;
 }
@@ -104,7 +102,7 @@ void eipWorkerDestroy(eipWorker *w)
     free(w->frame);
     free(w->message);
     free(w->assembly);
-    epicsEventDestroy(w->event);
+    plcWakeFree(&w->wake);
     epicsMutexDestroy(w->tagsLock);
     epicsMutexDestroy(w->lock);
     free(w);
@@ -117,7 +115,7 @@ void eipWorkerSetOptions(eipWorker *w, const eipWorkerOptions *options)
     epicsMutexMustLock(w->lock);
     w->options = *options;
     epicsMutexUnlock(w->lock);
-    epicsEventSignal(w->event);
+    plcWakeUp(&w->wake);
 }
 
 void eipWorkerSetConnect(eipWorker *w, const eipConnectOptions *connect)
@@ -136,7 +134,7 @@ void eipWorkerWant(eipWorker *w, eipWant *wants, unsigned count)
     w->wantCount = count;
     w->newWants = 1;
     epicsMutexUnlock(w->lock);
-    epicsEventSignal(w->event);
+    plcWakeUp(&w->wake);
 }
 
 /* The lock is held. What is ordered and has not left is void. */
@@ -158,16 +156,26 @@ static void newGeneration(eipWorker *w, int running)
 void eipWorkerStart(eipWorker *w, SOCKET socket)
 {
     SOCKET own = dup(socket);
+    const char *why = NULL;
 
+    eipWorkerBegin(w); /* if there was no thread for it until now */
+    if (own == INVALID_SOCKET || !w->canWake)
+        why = "too many open files in IOC";
+    else if (!w->thread)
+        why = "no thread for EtherNet/IP";
+    if (why && own != INVALID_SOCKET)
+        epicsSocketDestroy(own);
     epicsMutexMustLock(w->lock);
     newGeneration(w, 1);
-    w->handed = own;
-    if (own == INVALID_SOCKET) {
+    w->handed = why ? INVALID_SOCKET : own;
+    if (why) {
         w->news.lost = w->hasNews = 1;
-        strcpy(w->news.why, "no descriptor left");
+        strcpy(w->news.why, why);
     }
     epicsMutexUnlock(w->lock);
-    epicsEventSignal(w->event);
+    plcWakeUp(&w->wake);
+    if (why)
+        w->setup.wake(w->setup.arg);
 }
 
 void eipWorkerStop(eipWorker *w)
@@ -176,7 +184,7 @@ void eipWorkerStop(eipWorker *w)
     newGeneration(w, 0);
     interrupt(w);
     epicsMutexUnlock(w->lock);
-    epicsEventSignal(w->event);
+    plcWakeUp(&w->wake);
 }
 
 void eipWorkerPut(eipWorker *w, const void *image, const void *mask)
@@ -195,7 +203,7 @@ void eipWorkerPut(eipWorker *w, const void *image, const void *mask)
     }
     w->ordered = 1;
     epicsMutexUnlock(w->lock);
-    epicsEventSignal(w->event);
+    plcWakeUp(&w->wake);
 }
 
 int eipWorkerTake(eipWorker *w, plcNews *news, void *input, void *output)
@@ -732,10 +740,7 @@ static void sleepUntil(eipWorker *w, epicsUInt64 next)
     /* A PLC that closes the connection is noticed at the next request, or by then. */
     if (next - now > most && w->on)
         next = now + most;
-    if (next == EIP_NEVER)
-        epicsEventMustWait(w->event);
-    else
-        epicsEventWaitWithTimeout(w->event, (double)(next - now) / 1e9);
+    plcWakeWait(&w->wake, next);
 }
 
 static void worker(void *arg)

@@ -9,13 +9,13 @@
 #ifndef INC_eipWorkerPvt_H
 #define INC_eipWorkerPvt_H
 
-#include <epicsEvent.h>
 #include <epicsMutex.h>
 #include <epicsThread.h>
 #include <epicsTime.h>
 
 #include "eipSocket.h"
 #include "eipWorker.h"
+#include "plcWake.h"
 
 #define EIP_NEVER (~(epicsUInt64)0)
 #define EIP_NS_PER_MS 1000000ull
@@ -65,7 +65,8 @@ typedef struct eipBrowser {
 
 struct eipWorker {
     plcTransportSetup setup;
-    epicsEventId event;
+    plcWake wake;
+    int canWake; /* there were descriptors for it */
     epicsThreadId thread;
 
     epicsMutexId lock; /* guards from here on */
