@@ -59,7 +59,7 @@ static void forget(devRecord *dev)
     devEip *own = eipOf(dev);
 
     if (own->place) {
-        eipPlacesLeave(own->plc->places, own->place, own->period);
+        eipPlacesLeave(own->plc->places, own->place, own->period, own->output);
         eipPlcWantsChanged(own->plc);
     }
     free(own);
@@ -103,7 +103,8 @@ static int take(dbCommon *prec, devRecord *dev, const eipLink *link, const eipWa
     int out = supportOf(prec)->direction == devOut;
     devEip *own = eipOf(dev);
 
-    own->place = eipPlacesGet(own->plc->places, wish, own->period);
+    own->output = out;
+    own->place = eipPlacesGet(own->plc->places, wish, own->period, out);
     if (!own->place)
         return devFail(error, strlen(link->plc) + 1,
                        "the image of %.40s is full: %lu bytes; allowed: more by "
@@ -125,7 +126,8 @@ static int take(dbCommon *prec, devRecord *dev, const eipLink *link, const eipWa
 
 static eipWant wishOf(eipLink *link, eipPlaceKind kind)
 {
-    eipWant wish = {link->tag, link->index, 1, link->alone, kind, 0, 0, 0, 0, 0};
+    eipWant wish = {.tag = link->tag, .index = link->index, .count = 1,
+                    .alone = link->alone, .kind = kind, .indexed = link->indexed};
 
     return wish;
 }

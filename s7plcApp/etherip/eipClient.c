@@ -178,6 +178,25 @@ static size_t wholeElements(const eipData *part)
     return type && type->size ? part->length - part->length % type->size : part->length;
 }
 
+static int typeOf(eipClient *c, const char *base, unsigned *type, epicsUInt32 dimension[3]);
+
+/* Is a structure a string? Its template says it. */
+static void learnString(eipClient *c, eipValue *v)
+{
+    epicsUInt32 dimension[3];
+    const eipTemplate *t = NULL;
+    unsigned type;
+
+    if (v->data.code != eipStructureCode)
+        return;
+    if (v->data.handle == eipStringHandle)
+        v->characters = eipStringRoom;
+    else if (typeOf(c, v->name.base, &type, dimension) == 0 && eipIsStructure(type))
+        t = eipClientTemplate(c, eipTemplateId(type));
+    if (t && t->handle == v->data.handle)
+        v->characters = eipTemplateIsString(t);
+}
+
 int eipClientRead(eipClient *c, eipValue *v, unsigned count)
 {
     eipAnswer answer;
@@ -203,6 +222,7 @@ int eipClientRead(eipClient *c, eipValue *v, unsigned count)
         got += answer.status == eipPartial ? wholeElements(&part) : part.length;
         v->data = (eipData){part.code, part.handle, v->bytes, got};
     } while (answer.status == eipPartial);
+    learnString(c, v);
     return 0;
 }
 
@@ -220,9 +240,7 @@ static void printText(const eipValue *v, FILE *file)
     size_t n;
     const char *text = eipTextGet(v->data.code, v->data.bytes, v->data.length, &n);
 
-    /* a structure of another handle looks like a string when its length fits */
-    if (text && n <= 256 && (v->data.code != eipStructureCode ||
-                             v->data.handle == eipStringHandle)) {
+    if (text && n <= 256 && (v->data.code != eipStructureCode || v->characters)) {
         epicsStrnEscapedFromRaw(escaped, sizeof(escaped), text, n);
         fprintf(file, "\"%s\"", escaped);
     } else {
@@ -464,33 +482,47 @@ static int describe(eipClient *c, const char *name, unsigned type,
     return eipIsStructure(type) ? eipClientPrintTemplate(c, eipTemplateId(type), file) : 0;
 }
 
-int eipClientDescribe(eipClient *c, const char *tag, FILE *file)
+/* The type of a tag or member, as it is listed, and how many elements it has. */
+static int typeOf(eipClient *c, const char *base, unsigned *type, epicsUInt32 dimension[3])
 {
-    search s = {.name = ""};
     eipMemberPlace place = {0};
-    eipName name;
-    char root[eipNameMax + 1], error[150];
-    size_t n, column;
+    search s = {.name = ""};
+    char root[eipNameMax + 1];
+    size_t n = eipNameRoot(base);
     int missing;
 
-    if (eipNameParse(tag, 0, &name, &column, error, sizeof(error)))
-        return fail(c, "%s (at %u)", error, (unsigned)column + 1);
-    n = eipNameRoot(name.base);
-    epicsSnprintf(root, sizeof(root), "%.*s", (int)n, name.base);
+    epicsSnprintf(root, sizeof(root), "%.*s", (int)n, base);
     s.name = root;
     if (eipClientList(c, findSymbol, &s))
         return -1;
     if (!s.found)
         return fail(c, "the PLC lists no such tag");
-    n += name.base[n] == '[' ? strcspn(name.base + n, "]") + 1 : 0;
-    if (!name.base[n])
-        return describe(c, tag, s.symbol.type, s.symbol.dimension, file);
+    n += base[n] == '[' ? strcspn(base + n, "]") + 1 : 0;
+    *type = s.symbol.type;
+    memcpy(dimension, s.symbol.dimension, sizeof(s.symbol.dimension));
+    if (!base[n])
+        return 0;
     do { /* reads templates until all are there that lead to the member */
         memset(&place, 0, sizeof(place));
-        missing = eipMemberFind(&c->templates, eipTemplateId(s.symbol.type),
-                                name.base + n + 1, &place);
+        missing = eipMemberFind(&c->templates, eipTemplateId(s.symbol.type), base + n + 1,
+                                &place);
     } while (missing > 0 && eipClientTemplate(c, (unsigned)missing));
-    if (missing)
-        return fail(c, "no such member");
-    return describe(c, tag, place.type, (epicsUInt32[3]){place.elements, 0, 0}, file);
+    *type = place.type;
+    dimension[0] = place.elements;
+    return missing ? fail(c, "no such member") : 0;
+}
+
+int eipClientDescribe(eipClient *c, const char *tag, FILE *file)
+{
+    epicsUInt32 dimension[3];
+    eipName name;
+    char error[150];
+    size_t column;
+    unsigned type;
+
+    if (eipNameParse(tag, 0, &name, &column, error, sizeof(error)))
+        return fail(c, "%s (at %u)", error, (unsigned)column + 1);
+    if (typeOf(c, name.base, &type, dimension))
+        return -1;
+    return describe(c, tag, type, dimension, file);
 }

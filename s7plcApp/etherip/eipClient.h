@@ -47,6 +47,7 @@ int eipClientTell(eipClient *c, eipWriter *w);
 typedef struct eipValue {
     eipName name;
     eipData data; /* its bytes lie in `bytes` */
+    unsigned characters; /* that a string has room for; 0: it is none, or is not known */
     epicsUInt8 *bytes; /* of eipClientValueMax */
 } eipValue;
 

@@ -130,7 +130,8 @@ static void choose(eipWorker *w, epicsUInt64 now, epicsUInt64 *next, asked *a)
 
         if (!isDue(tag, now, next))
             continue;
-        size = eipMultipleEach + 4 + (unsigned)eipPathBytes(tag->base, tag->instance);
+        size = eipMultipleEach + 4 + (unsigned)eipPathBytes(tag->base, tag->instance) +
+               (tag->indexed ? 2 : 0);
         if (a->count && (request + size > w->limits.room ||
                          answer + answerGuess + eipMultipleEach > w->limits.room))
             break;
@@ -422,7 +423,7 @@ int eipBrowseStep(eipWorker *w, epicsUInt64 now, epicsUInt64 *next)
     default:
         break;
     }
-    if (!w->now.relearn || w->noProgram >= isSure)
+    if (!w->now.relearn || w->noProgram >= isSure || w->noBrowse >= isSure)
         return 0;
     if (now >= w->programDue)
         return lookAtProgram(w, now);

@@ -135,6 +135,7 @@ static int tag(const place *p, const word *w, eipLink *link)
     link->hasIndex = name.dimensions > 0;
     if (link->hasIndex)
         link->index = name.index[name.dimensions - 1];
+    link->indexed = name.dimensions > 1;
     for (i = 0; i + 1 < name.dimensions; i++) {
         size_t n = strlen(link->tag);
 

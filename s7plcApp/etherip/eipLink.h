@@ -30,6 +30,7 @@ typedef struct eipLink {
     char tag[eipNameMax + 16]; /* base text, indices but the last one in it */
     int hasIndex;
     epicsUInt32 index;         /* the last index; 0: none */
+    int indexed;               /* of several: it always stands in the path */
     int alone;                 /* E */
     double period;             /* S, in seconds; 0: not given */
     int bit;                   /* B, or tag.5; -1: not given */

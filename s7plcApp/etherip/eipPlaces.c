@@ -22,6 +22,7 @@ struct eipPlace {
     ELLNODE node;
     eipWant want;
     ELLLIST users;
+    unsigned outputs; /* of them */
     int fresh; /* wanted anew: what stands there is old */
 };
 
@@ -66,8 +67,8 @@ static char *keyOf(const eipWant *w)
     char text[eipNameMax + 80];
     char *at;
 
-    epicsSnprintf(text, sizeof(text), "%s#%u#%u#%d#%d#%lu", w->tag, w->index, w->count,
-                  w->alone, (int)w->kind, w->kind == eipTextPlace ? (unsigned long)w->room : 0);
+    epicsSnprintf(text, sizeof(text), "%s#%u#%u#%d#%d#%d#%lu", w->tag, w->index, w->count,
+                  w->alone, w->indexed, (int)w->kind, w->kind == eipTextPlace ? (unsigned long)w->room : 0);
     for (at = text; *at; at++)
         *at = (char)tolower((unsigned char)*at);
     return epicsStrDup(text);
@@ -121,7 +122,7 @@ static eipPlace *make(eipPlaces *p, const eipWant *wish, char *key)
     return place;
 }
 
-eipPlace *eipPlacesGet(eipPlaces *p, const eipWant *wish, unsigned period)
+eipPlace *eipPlacesGet(eipPlaces *p, const eipWant *wish, unsigned period, int output)
 {
     char *key = keyOf(wish);
     GPHENTRY *entry;
@@ -136,17 +137,19 @@ eipPlace *eipPlacesGet(eipPlaces *p, const eipWant *wish, unsigned period)
         if (!ellCount(&place->users))
             place->fresh = 1;
         addUser(place, period);
+        place->outputs += output != 0;
         p->changed = 1;
     }
     epicsMutexUnlock(p->lock);
     return place;
 }
 
-void eipPlacesLeave(eipPlaces *p, eipPlace *place, unsigned period)
+void eipPlacesLeave(eipPlaces *p, eipPlace *place, unsigned period, int output)
 {
     ELLNODE *node;
 
     epicsMutexMustLock(p->lock);
+    place->outputs -= output != 0;
     for (node = ellFirst(&place->users); node; node = ellNext(node)) {
         user *u = CONTAINER(node, user, node);
 
@@ -209,6 +212,7 @@ int eipPlacesWants(eipPlaces *p, int always, eipWant **wants, unsigned *count)
             if (period < w->period)
                 w->period = period;
         }
+        w->shared = place->outputs > 1;
         w->fresh = place->fresh;
         place->fresh = 0;
         (*count)++;

@@ -15,12 +15,13 @@ eipPlaces *eipPlacesCreate(size_t size);
 void eipPlacesDestroy(eipPlaces *places);
 
 /* A place for this wish (its tag is copied, its place and room are looked up; `room` is that
- * of a text place, else it is known), read every `period` ms. The same wish has the same
- * place for ever. Returns NULL when the images have no room left. */
-eipPlace *eipPlacesGet(eipPlaces *places, const eipWant *wish, unsigned period);
+ * of a text place, else it is known), read every `period` ms, and written where `output` is
+ * set. The same wish has the same place for ever. Returns NULL when the images have no room
+ * left. */
+eipPlace *eipPlacesGet(eipPlaces *places, const eipWant *wish, unsigned period, int output);
 
-/* No longer wanted, by one who got it with this period. */
-void eipPlacesLeave(eipPlaces *places, eipPlace *place, unsigned period);
+/* No longer wanted, by one who got it so. */
+void eipPlacesLeave(eipPlaces *places, eipPlace *place, unsigned period, int output);
 
 size_t eipPlaceOffset(const eipPlace *place); /* bytes */
 size_t eipPlaceRoom(const eipPlace *place);   /* bytes */

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include <cantProceed.h>
+#include <epicsStdio.h>
 
 #include "eipWorkerPvt.h"
 
@@ -311,17 +312,21 @@ static void refused(eipWorker *w, unsigned number, const eipAnswer *answer)
     eipTag *tag = &w->tags.tags[u->tag];
     int isEnd = answer->status == eipGeneral && answer->extended == eipExtEnd;
     int isUnknown = answer->status == eipPathSegment || answer->status == eipPathUnknown;
+    /* Some say of an element beyond the end what they say of a tag that is not there. */
+    int isElement = isUnknown && !tag->instance && (u->first > 0 || u->pieces > 1);
     int split;
     char reason[PLC_REASON_SIZE];
 
     eipWorkerReason(answer, reason);
-    if (u->whole || (isEnd && u->pieces > 1)) {
+    if (isElement)
+        epicsSnprintf(reason, sizeof(reason), "PLC: no such element (%02X)", answer->status);
+    if (u->whole || ((isEnd || isElement) && u->pieces > 1)) {
         epicsMutexMustLock(w->tagsLock);
         split = eipUnitSplit(&w->tags, number);
         epicsMutexUnlock(w->tagsLock);
         if (split)
             w->replan = 2; /* the parts are read at once */
-    } else if (isUnknown ||
+    } else if ((isUnknown && !isElement) ||
                (answer->status == eipGeneral && answer->extended == eipExtType)) {
         relearn(w, tag, isUnknown);
     } else {

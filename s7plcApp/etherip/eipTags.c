@@ -50,7 +50,9 @@ static int byTag(const eipWant *a, const eipWant *b)
 {
     int order = epicsStrCaseCmp(a->tag, b->tag);
 
-    return order ? order : a->alone - b->alone;
+    if (!order)
+        order = a->alone - b->alone;
+    return order ? order : a->indexed - b->indexed;
 }
 
 static int byWish(const void *a, const void *b)
@@ -70,7 +72,9 @@ static int byBase(const void *a, const void *b)
     const eipTag *x = a, *y = b;
     int order = epicsStrCaseCmp(x->base, y->base);
 
-    return order ? order : x->alone - y->alone;
+    if (!order)
+        order = x->alone - y->alone;
+    return order ? order : x->indexed - y->indexed;
 }
 
 /* A wish to be read alone is a tag of its own. */
@@ -106,6 +110,7 @@ int eipTagsSet(eipTags *t, eipWant *wants, unsigned count)
             tag = &tags[n++];
             tag->base = wants[i].tag;
             tag->alone = wants[i].alone;
+            tag->indexed = wants[i].indexed;
             tag->from = i;
             tag->period = wants[i].period;
         }

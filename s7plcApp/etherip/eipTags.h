@@ -43,6 +43,8 @@ typedef struct eipWant {
     size_t place, room;  /* bytes in both images */
     int refused;         /* by itself, the last time: it is asked for seldom, and alone */
     int fresh;           /* what stands in its place is of nobody */
+    int indexed;         /* the element always stands in the path: more than one dimension */
+    int shared;          /* several outputs have this place */
 } eipWant;
 
 typedef enum { eipTagNew, eipTagKnown, eipTagBad } eipTagState;
@@ -50,7 +52,7 @@ typedef enum { eipTagNew, eipTagKnown, eipTagBad } eipTagState;
 /* One base text, with the wishes for its elements. */
 typedef struct eipTag {
     const char *base;      /* that of its first wish */
-    int alone;
+    int alone, indexed;
     unsigned from, wants;  /* its wishes, sorted by index */
     unsigned period;       /* ms, the fastest of them */
     eipTagState state;

@@ -164,7 +164,7 @@ static int canBeWhole(const eipTags *t, const eipTag *tag, member *m)
     const eipType *type = eipTypeOf(tag->code);
     unsigned i;
 
-    if (tag->alone || tag->apart || tag->state != eipTagKnown || !type ||
+    if (tag->alone || tag->indexed || tag->apart || tag->state != eipTagKnown || !type ||
         placeInParent(t, tag, &m->place, &m->parent))
         return 0;
     if (m->place.size != tag->size)
@@ -360,21 +360,21 @@ int eipUnitSplit(eipTags *t, unsigned unit)
 /* --- Messages ------------------------------------------------------------------------------- */
 
 static void putPath(eipWriter *w, const char *base, epicsUInt32 instance, epicsUInt32 index,
-                    int service)
+                    int indexed, int service)
 {
     epicsUInt8 path[eipPathMax + 16];
     eipWriter p = eipWriterOf(path, sizeof(path));
 
     if (eipPathPut(&p, base, instance))
         w->full = 1;
-    if (index)
+    if (index || indexed)
         eipIndexPut(&p, index);
     eipRequestPut(w, (eipService)service, path, p.n);
 }
 
 void eipTagPathPut(eipWriter *w, const eipTag *tag, epicsUInt32 index, int service)
 {
-    putPath(w, tag->base, tag->instance, index, service);
+    putPath(w, tag->base, tag->instance, index, tag->indexed, service);
 }
 
 void eipTagAskPut(eipWriter *w, const eipTag *tag)
@@ -394,7 +394,7 @@ void eipUnitPut(eipWriter *w, const eipTags *t, const eipUnit *u, long fragment)
     const eipTag *tag = &t->tags[u->tag];
 
     putPath(w, u->whole ? u->whole : tag->base, tag->instance, asOne(t, u) ? 0 : u->first,
-            fragment < 0 ? eipReadTag : eipReadFragment);
+            !u->whole && tag->indexed, fragment < 0 ? eipReadTag : eipReadFragment);
     eipPut16(w, asOne(t, u) ? 1 : u->count);
     if (fragment >= 0)
         eipPut32(w, (epicsUInt32)fragment);
@@ -411,7 +411,9 @@ eipLoad eipUnitLoad(const eipTags *t, const eipUnit *u)
         data = (epicsUInt64)tag->elements * u->size;
     load.request = serviceHead + countBytes +
                    (unsigned)eipPathBytes(u->whole ? u->whole : tag->base, tag->instance) +
-                   (u->first && !asOne(t, u) ? (unsigned)eipIndexBytes(u->first) : 0);
+                   ((u->first || (tag->indexed && !u->whole)) && !asOne(t, u)
+                        ? (unsigned)eipIndexBytes(u->first)
+                        : 0);
     data += eipAnswerHead + (structure ? 4 : 2);
     load.answer = data > 0x7fffffff ? 0x7fffffff : (unsigned)data;
     return load;

@@ -418,6 +418,24 @@ static int isOver(const eipAnswer *a)
             a->extended == 0x0312);
 }
 
+/* What was being asked when the connection was lost, twice, is not asked for again. */
+static void blame(eipWorker *w)
+{
+    switch (w->asking) {
+    case eipAskBrowse:
+        w->noBrowse++;
+        break;
+    case eipAskProgram:
+        w->noProgram++;
+        break;
+    case eipAskModify:
+        w->noModify++;
+        break;
+    default:
+        break;
+    }
+}
+
 int eipWorkerAsk(eipWorker *w, eipWriter *m, eipAnswer *answer)
 {
     size_t length, n = m->full ? 0
@@ -428,10 +446,13 @@ int eipWorkerAsk(eipWorker *w, eipWriter *m, eipAnswer *answer)
         strcpy(w->lost, "a message is too long");
         return -1;
     }
-    if (exchange(w, n, timeoutMs(w), &length) != eipAnswered ||
-        eipSessionUnwrap(&w->connect.session, w->socket.buffer, length, answer, w->lost,
-                         sizeof(w->lost)))
+    if (exchange(w, n, timeoutMs(w), &length) != eipAnswered)
         return -1;
+    if (eipSessionUnwrap(&w->connect.session, w->socket.buffer, length, answer, w->lost,
+                         sizeof(w->lost))) {
+        blame(w); /* twice: it has answered, and does not know this */
+        return -1;
+    }
     if (isOver(answer)) {
         eipStatusText(answer->status, answer->extended, w->lost, sizeof(w->lost));
         return -1;
@@ -594,25 +615,6 @@ static void openSession(eipWorker *w)
     }
 }
 
-/* What was being asked when the connection was lost, twice, is not asked for again. */
-static void blame(eipWorker *w)
-{
-    switch (w->asking) {
-    case eipAskBrowse:
-        w->noBrowse++;
-        break;
-    case eipAskProgram:
-        w->noProgram++;
-        break;
-    case eipAskModify:
-        w->noModify++;
-        break;
-    default:
-        break;
-    }
-    w->asking = eipAskOther;
-}
-
 /* The connection is of no use any more. What was to leave on it has not left: that is a fault
  * until it has. */
 static void giveUp(eipWorker *w)
@@ -620,6 +622,7 @@ static void giveUp(eipWorker *w)
     size_t i;
 
     blame(w);
+    w->asking = eipAskOther;
     if (!w->lost[0])
         strcpy(w->lost, "connection lost");
     if (eipWorkerEnter(w)) {

@@ -62,7 +62,7 @@ static void settle(eipWorker *w, const eipWant *want, const char *reason)
     memset(mask, 0, want->room);
     if (!eipWorkerEnter(w))
         return;
-    w->news.outFaults |= changed;
+    w->news.outFaults |= changed || want->shared; /* then others follow */
     w->hasNews = 1;
     epicsMutexUnlock(w->lock);
 }
@@ -132,15 +132,20 @@ static const char *cellItem(eipWorker *w, batch *b, unsigned tag, unsigned want)
     const eipTag *t = &w->tags.tags[tag];
     const eipType *type = eipTypeOf(t->code);
     const epicsUInt8 *mask = w->leaving + wish->place, *place = w->values + wish->place;
+    epicsUInt64 bits = eipGetUnsigned(mask + eipPlaceHead, 8);
     eipNumber number = numberOf(place);
     epicsUInt8 raw[8];
     item *it;
 
     if (!type || !type->size)
         return "the tag is no number";
-    if (mask[eipPlaceKindAt] || type->code == eipBool) {
-        if (!mask[eipPlaceKindAt])
-            number.u.integer &= (epicsInt64)eipGetUnsigned(mask + eipPlaceHead, 8);
+    if (!bits) { /* only what kind of number will come */
+        settle(w, wish, NULL);
+        return NULL;
+    }
+    if (bits == ~(epicsUInt64)0 || type->code == eipBool) {
+        if (type->code == eipBool && bits != ~(epicsUInt64)0)
+            number.u.integer &= (epicsInt64)bits;
         if (eipNumberPut(type, raw, &number))
             return noFit(w, type);
         if (!wish->alone && join(w, b, tag, want, raw, type->size))
@@ -260,6 +265,7 @@ static int takeOrders(eipWorker *w)
         for (n = t->from; n < t->from + t->wants; n++) {
             const eipWant *want = &w->tags.wants[n];
 
+            w->values[want->place + eipPlaceKindAt] = w->order[want->place + eipPlaceKindAt];
             for (k = want->place; k < want->place + want->room; k++) {
                 if (!w->owed[k])
                     continue;
@@ -317,7 +323,8 @@ static eipLoad loadOf(const eipWorker *w, const item *it)
 
     return (eipLoad){
         writeHead + 2 + (unsigned)(eipPathBytes(tag->base, tag->instance) +
-                                   (it->index ? eipIndexBytes(it->index) : 0) + it->length),
+                                   (it->index || tag->indexed ? eipIndexBytes(it->index) : 0) +
+                                   it->length),
         eipAnswerHead + 4};
 }
 

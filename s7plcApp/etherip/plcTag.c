@@ -169,19 +169,6 @@ static int putBit(eipClient *c, eipWriter *w, const eipValue *v, const eipType *
     return 0;
 }
 
-/* How many characters a string has room for; 0: not known. */
-static unsigned charactersOf(eipClient *c, const eipData *data)
-{
-    unsigned i;
-
-    if (data->handle == eipStringHandle)
-        return eipStringRoom;
-    for (i = 0; i < eipTemplatesMax; i++)
-        if (c->templates.table[i] && c->templates.table[i]->handle == data->handle)
-            return eipTemplateIsString(c->templates.table[i]);
-    return 0;
-}
-
 static int putText(eipClient *c, eipWriter *w, const eipValue *v, const char *text)
 {
     epicsUInt8 raw[70000];
@@ -189,7 +176,7 @@ static int putText(eipClient *c, eipWriter *w, const eipValue *v, const char *te
 
     length = length > sizeof(raw) ? 0
                                   : eipTextPut(v->data.code, raw, length,
-                                               charactersOf(c, &v->data), text, strlen(text));
+                                               v->characters, text, strlen(text));
     if (!length)
         return refuse(c, text, "the string");
     eipValuePath(w, &v->name, eipWriteTag);

@@ -577,8 +577,9 @@ static void testTemplates(void)
 static eipWant want(const char *tag, epicsUInt32 index, epicsUInt32 count, eipPlaceKind kind,
                     unsigned period, size_t place)
 {
-    eipWant w = {epicsStrDup(tag), index, count, 0, kind, period, place,
-                 kind == eipCell ? eipCellSize : eipPlaceHead + 8 * count, 0, 0};
+    eipWant w = {.tag = epicsStrDup(tag), .index = index, .count = count, .kind = kind,
+                 .period = period, .place = place,
+                 .room = kind == eipCell ? eipCellSize : eipPlaceHead + 8 * count};
 
     if (kind == eipTextPlace)
         w.room = eipPlaceHead + 40;

@@ -1,0 +1,539 @@
+"""DTYP "EtherIP": an IOC with nothing but ether_ip.dbd, and plcSim as its controller."""
+import itertools
+import re
+import subprocess
+
+import pytest
+
+from client import ARCH, TOP
+from ioc import errors_in
+from waiting import until, until_equal
+
+PLC_TAG = TOP / "bin" / ARCH / "plcTag"
+
+
+def rec(kind, name, link, *fields):
+    """A record; inputs have I/O Intr."""
+    out = kind in ("ao", "bo", "mbbo", "mbboDirect", "longout", "int64out", "stringout", "lso",
+                   "aao", "calcout")
+    text = [f'field({"OUT" if out else "INP"}, "@P {link}")']
+    if not out:
+        text.append('field(SCAN, "I/O Intr")')
+    for field in fields:
+        key, value = field.split("=", 1)
+        text.append(f'field({key}, "{value}")')
+    return f'record({kind}, "$(P){name}") {{ field(DTYP, "EtherIP") {" ".join(text)} }}\n'
+
+
+class Plant:
+    """plcSim with some tags, and an IOC with some records."""
+
+    def __init__(self, new_sim, new_ioc):
+        self.new_sim, self.new_ioc = new_sim, new_ioc
+        self.ioc = None
+
+    def tags(self, *lines, **keys):
+        text = "name = S\nbyteorder = little\netherip_port = 0\n"
+        text += "".join(f"etherip_{key} = {value}\n" for key, value in keys.items())
+        self.sim = self.new_sim(text + "\n".join(lines) + "\n")
+        self.port = until(self.find_port, "plcSim with EtherNet/IP")
+        return self
+
+    def find_port(self):
+        for line in self.sim.lines:
+            found = re.search(r"EtherNet/IP listening on .*:(\d+)$", line)
+            if found:
+                return int(found.group(1))
+        return None
+
+    def records(self, *records, before="", slot=0, **kw):
+        self.ioc = self.new_ioc(
+            f'{before}\ndrvEtherIP_init\ndrvEtherIP_define_PLC("P", "127.0.0.1:{self.port}", '
+            f'{slot})', "".join(records), program="eipIoc", **kw)
+        return self
+
+    def tag(self, name):
+        """The value of a tag as plcSim has it."""
+        return self.sim.command(f"etherip get {name}").split(" = ")[-1].strip()
+
+    def wait_tag(self, name, value):
+        until_equal(lambda: self.tag(name), value)
+
+    def set(self, name, *values):
+        self.sim.command(f"etherip set {name} {' '.join(str(v) for v in values)}")
+
+    def requests(self):
+        return int(re.search(r"(\d+) requests", self.sim.command("etherip")).group(1))
+
+
+@pytest.fixture
+def plant(new_sim, new_ioc):
+    return Plant(new_sim, new_ioc)
+
+
+# --- Values -------------------------------------------------------------------------------
+
+INTEGERS = {"SINT": (-128, 127), "INT": (-32768, 32767), "DINT": (-2**31, 2**31 - 1),
+            "LINT": (-2**53, 2**53), "USINT": (0, 255), "UINT": (0, 65535),
+            "UDINT": (0, 2**32 - 1), "ULINT": (0, 2**53)}
+
+
+def test_integers(plant):
+    """Each integer type is read and written by ao, longout and int64out with its sign and size"""
+    plant.tags(*(f"tag {t} {t} = {low}" for t, (low, _) in INTEGERS.items()))
+    plant.records(*(rec("ai", f"ai{t}", f"{t} S 0.05") + rec("int64in", f"i{t}", f"{t} S 0.05") +
+                    rec("ao", f"ao{t}", f"{t} S 0.05") + rec("int64out", f"o{t}", f"{t} S 0.05") +
+                    rec("longout", f"l{t}", f"{t} S 0.05") for t in INTEGERS))
+    for t, (low, high) in INTEGERS.items():
+        plant.ioc.wait_value(f"ai{t}", float(low))
+        plant.ioc.wait_value(f"i{t}", low)
+        plant.ioc.wait_value(f"o{t}", low)
+        plant.ioc.put(f"o{t}", high)
+        plant.wait_tag(t, str(high))
+        plant.ioc.wait_value(f"ao{t}", float(high))
+        plant.ioc.put(f"ao{t}", 100)
+        plant.wait_tag(t, "100")
+        plant.ioc.put(f"l{t}", 77)
+        plant.wait_tag(t, "77")
+        plant.ioc.wait_value(f"i{t}", 77)
+    assert not errors_in(plant.ioc.log)
+
+
+def test_does_not_fit(plant):
+    """A value that the tag's type has not is refused with words, and VAL goes back"""
+    plant.tags("tag INT INT = 5", "tag USINT USINT = 6")
+    plant.records(rec("ao", "a", "INT S 0.05"), rec("longout", "l", "USINT S 0.05"))
+    plant.ioc.wait_value("a", 5.0)
+    plant.ioc.wait_value("l", 6)
+    plant.ioc.put("a", 70000)
+    plant.ioc.put("l", -1)
+    assert plant.ioc.alarm("a") == ("INVALID", "WRITE", "the value does not fit INT")
+    assert plant.ioc.alarm("l") == ("INVALID", "WRITE", "the value does not fit USINT")
+    assert plant.ioc.get("a") == 5 and plant.tag("INT") == "5" and plant.tag("USINT") == "6"
+    plant.ioc.put("a", 7)
+    plant.wait_tag("INT", "7")
+    assert plant.ioc.severity("a") == "NO_ALARM"
+
+
+def test_reals(plant):
+    """REAL and LREAL keep their digits both ways; 0.1 is no news when it comes back"""
+    plant.tags("tag REAL REAL = 2.5", "tag LREAL LREAL = 0.1")
+    plant.records(rec("ao", "r", "REAL S 0.05"), rec("ao", "force", "REAL S 0.05 FORCE"),
+                  rec("ai", "ri", "REAL S 0.05"), rec("ao", "lr", "LREAL S 0.05"),
+                  rec("calcout", "c", "LREAL S 0.05", "CALC=A*2"))
+    plant.ioc.wait_value("r", 2.5)
+    plant.ioc.wait_value("lr", 0.1)
+    plant.ioc.put("r", 0.1)
+    until(lambda: abs(float(plant.tag("REAL")) - 0.1) < 1e-6, "0.1 in the tag")
+    plant.ioc.wait_value("ri", 0.10000000149011612)
+    plant.ioc.put("lr", 1 / 3)
+    until(lambda: float(plant.tag("LREAL")) == pytest.approx(1 / 3, abs=1e-12), "1/3 in the tag")
+    plant.ioc.put("c.A", 21)
+    plant.wait_tag("LREAL", "42")
+
+
+def test_strings(plant):
+    """STRING and STRING_n: read, written whole, cut to the record; too long is refused"""
+    plant.tags("udt Name string 10", 'tag S STRING = "hello"', "tag N Name = abc", "tag D DINT")
+    plant.records(rec("stringin", "si", "S S 0.05"), rec("stringout", "so", "S S 0.05"),
+                  rec("lsi", "li", "S S 0.05", "SIZV=100"), rec("lso", "lo", "S S 0.05", "SIZV=100"),
+                  rec("lsi", "short", "S S 0.05", "SIZV=16"), rec("stringin", "ni", "N S 0.05"),
+                  rec("stringout", "no", "N S 0.05"), rec("stringin", "bad", "D S 0.05"))
+    plant.ioc.wait_value("si", "hello")
+    plant.ioc.wait_value("so", "hello")
+    plant.ioc.put("so", "")
+    plant.ioc.wait_value("si", "")
+    text = "x" * 82
+    plant.ioc.put("lo.VAL$", text)
+    until(lambda: text in plant.tag("S"), "82 characters")
+    plant.ioc.wait_value("si", "x" * 39)
+    until(lambda: plant.ioc.get("short", as_string=True) == "x" * 15)
+    plant.ioc.wait_value("ni", "abc")
+    plant.ioc.put("no", "0123456789")
+    plant.ioc.wait_value("ni", "0123456789")
+    plant.ioc.wait_alarm("bad", "INVALID", "READ", "the tag is a number, no string")
+
+
+def test_bits(plant):
+    """BOOL arrays by bit, B, tag.5 and whole BOOLs; writes change their own bit alone"""
+    plant.tags("tag BOOLs BOOL[96]", "tag DINT DINT = 0x50", "tag BOOL BOOL", "tag INT INT = 0x8001")
+    plant.records(
+        *(rec("bi", f"b{n}", f"BOOLs[{n}] S 0.05") for n in (0, 31, 32, 95)),
+        *(rec("bo", f"o{n}", f"BOOLs[{n}] S 0.05") for n in (0, 31, 32, 95)),
+        rec("bi", "d4", "DINT.4 S 0.05"), rec("bi", "d5", "DINT S 0.05 B 5"),
+        rec("bo", "od5", "DINT.5 S 0.05"), rec("bi", "w", "BOOL S 0.05"),
+        rec("bo", "ow", "BOOL S 0.05"), rec("bi", "i15", "INT.15 S 0.05"),
+        rec("bo", "oi14", "INT S 0.05 B 14"), rec("ai", "a6", "DINT.6 S 0.05"))
+    for n in (0, 31, 32, 95):
+        plant.ioc.wait_value(f"b{n}", 0)
+        plant.ioc.put(f"o{n}", 1)
+        until_equal(lambda: int(plant.tag(f"BOOLs[{n // 32}]")) >> n % 32 & 1, 1)
+        plant.ioc.wait_value(f"b{n}", 1)
+    plant.set("BOOLs[0]", 3)
+    plant.ioc.wait_value("o31", 0)
+    assert [plant.tag(f"BOOLs[{n}]") for n in range(3)] == ["3", "1", str(2**31)]
+    plant.ioc.wait_value("d4", 1)
+    plant.ioc.wait_value("a6", 1.0)
+    assert plant.ioc.get("d5") == 0
+    plant.ioc.put("od5", 1)
+    plant.wait_tag("DINT", str(0x70))
+    plant.ioc.put("od5", 0)
+    plant.wait_tag("DINT", str(0x50))
+    plant.ioc.wait_value("i15", 1)
+    plant.ioc.put("oi14", 1)
+    plant.wait_tag("INT", str(0xC001 - 0x10000))
+    plant.ioc.put("ow", 1)
+    plant.wait_tag("BOOL", "1")
+    plant.ioc.wait_value("w", 1)
+    plant.ioc.put("ow", 0)
+    plant.wait_tag("BOOL", "0")
+
+
+@pytest.mark.parametrize("kind", ["SINT", "INT", "DINT"])
+def test_multibit(plant, kind):
+    """mbbi and mbbo of every NOBT on {kind}, all values, and no bit beside them changes"""
+    plant.tags(*(f"tag T{n} {kind} = {-2**n}" for n in (1, 2, 3, 4)))
+    plant.records(*(rec("mbbi", f"i{n}", f"T{n} S 0.02", f"NOBT={n}") +
+                    rec("mbbo", f"o{n}", f"T{n} S 0.02", f"NOBT={n}") for n in (1, 2, 3, 4)))
+    for n in (1, 2, 3, 4):
+        plant.ioc.wait_value(f"i{n}", 0)
+        for value in range(2**n):
+            plant.ioc.put(f"o{n}", value)
+            plant.wait_tag(f"T{n}", str(value - 2**n))
+            plant.ioc.wait_value(f"i{n}", value)
+            assert plant.ioc.get(f"o{n}") == value
+
+
+def test_arrays(plant):
+    """Arrays of 5,000 elements in fragments, of any FTVL; aao writes its elements"""
+    plant.tags("tag Big DINT[5000]", "tag Reals REAL[40]", "tag M DINT[3,4]", "tag Sints SINT[7]")
+    plant.set("Big[4999]", -5)
+    plant.set("M[1,2]", 12)
+    plant.records(rec("waveform", "big", "Big S 0.2", "FTVL=DOUBLE", "NELM=5000"),
+                  rec("aai", "long", "Big S 0.2", "FTVL=LONG", "NELM=5000"),
+                  rec("aao", "out", "Big S 0.2", "FTVL=LONG", "NELM=5000"),
+                  rec("aao", "reals", "Reals S 0.05", "FTVL=DOUBLE", "NELM=40"),
+                  rec("aao", "sints", "Sints S 0.05", "FTVL=LONG", "NELM=7"),
+                  rec("longin", "m", "M[1,2] S 0.05"), rec("longout", "mo", "M[2,3] S 0.05"),
+                  rec("longin", "last", "Big[4999] S 0.05"))
+    until(lambda: plant.ioc.plain("big") == [0.0] * 4999 + [-5.0])
+    until(lambda: plant.ioc.plain("long") == [0] * 4999 + [-5])
+    plant.ioc.wait_value("last", -5)
+    values = list(range(5000))
+    plant.ioc.put("out", values)
+    until(lambda: plant.ioc.plain("long") == values)
+    plant.ioc.put("reals", [n / 4 for n in range(40)])
+    plant.wait_tag("Reals[39]", "9.75")
+    plant.ioc.put("sints", [1, 2, 200, 4, 5, 6, 7])
+    assert plant.ioc.alarm("sints")[1:] == ("WRITE", "an element does not fit SINT")
+    plant.ioc.put("sints", [1, 2, -3])
+    plant.wait_tag("Sints[2]", "-3")
+    plant.ioc.wait_value("m", 12)
+    plant.ioc.put("mo", 23)
+    plant.wait_tag("M[2,3]", "23")
+
+
+def test_structures(plant):
+    """Members of structures, whole and by member; a structure is read as one where that is less"""
+    plant.tags("udt Axis Pos:INT State:SINT",
+               "udt Motor Speed:DINT On:BOOL Fault:BOOL axis:Axis[2] Temps:REAL[4]",
+               "tag M Motor", "tag Ms Motor[3]", "tag Program:Main.m Motor")
+    plant.records(
+        rec("longin", "speed", "M.Speed S 0.05"), rec("bi", "on", "M.On S 0.05"),
+        rec("bi", "fault", "M.Fault S 0.05"), rec("longin", "pos", "M.axis[1].Pos S 0.05"),
+        rec("ai", "temp", "M.Temps[3] S 0.05"), rec("longout", "ospeed", "M.Speed S 0.05"),
+        rec("bo", "oon", "M.On S 0.05"), rec("longout", "opos", "Ms[2].axis[1].Pos S 0.05"),
+        rec("longin", "prog", "Program:Main.m.Speed S 0.05"))
+    plant.set("M.Temps[3]", 3.5)
+    plant.set("M.Fault", 1)
+    plant.set("M.axis[1].Pos", -7)
+    plant.set("Program:Main.m.Speed", 99)
+    plant.ioc.wait_value("temp", 3.5)
+    plant.ioc.wait_value("fault", 1)
+    plant.ioc.wait_value("pos", -7)
+    plant.ioc.wait_value("prog", 99)
+    plant.ioc.put("ospeed", 1234)
+    plant.wait_tag("M.Speed", "1234")
+    plant.ioc.wait_value("speed", 1234)
+    plant.ioc.put("oon", 1)
+    plant.ioc.wait_value("on", 1)
+    assert plant.ioc.get("fault") == 1
+    plant.ioc.put("opos", -3)
+    plant.wait_tag("Ms[2].axis[1].Pos", "-3")
+    assert not errors_in(plant.ioc.log)
+
+
+# --- What others have wrong ---------------------------------------------------------------
+
+def test_nobody_is_hurt(plant):
+    """A missing tag, an index beyond the end and a hidden tag: only their own records are bad"""
+    plant.tags("tag Ints INT[40]", "tag Hidden DINT hidden", "tag Ro DINT readonly", "tag D DINT = 4")
+    plant.records(rec("ai", "nix", "Nix S 0.05"), rec("ai", "beyond", "Ints[45] S 0.05"),
+                  rec("ai", "last", "Ints[39] S 0.05"), rec("ai", "hidden", "Hidden S 0.05"),
+                  rec("longout", "ro", "Ro S 0.05"), rec("longin", "d", "D S 0.05"),
+                  *(rec("ai", f"i{n}", f"Ints[{n}] S 0.05") for n in range(0, 40, 5)))
+    plant.set("Ints[39]", 9)
+    plant.ioc.wait_value("last", 9.0)
+    plant.ioc.wait_alarm("nix", "INVALID", "READ", "no such tag")
+    plant.ioc.wait_alarm("beyond", "INVALID", "READ", "no such element")
+    plant.ioc.wait_alarm("hidden", "INVALID", "READ", "no right to access it")
+    until(lambda: all(plant.ioc.severity(f"i{n}") == "NO_ALARM" for n in range(0, 40, 5)))
+    plant.ioc.put("ro", 3)
+    plant.ioc.wait_alarm("ro", "INVALID", "WRITE", "no right to access it")
+    plant.set("D", 5)
+    plant.ioc.wait_value("d", 5)
+    assert plant.ioc.command("drvEtherIP_report 1").count("1 made, 0 lost")
+
+
+def test_retry(plant):
+    """A tag that comes into being is found, by a new program at once"""
+    plant.tags("tag A DINT = 1")
+    plant.records(rec("longin", "a", "A S 0.05"), rec("longin", "b", "B S 0.05"))
+    plant.ioc.wait_value("a", 1)
+    plant.ioc.wait_alarm("b", "INVALID", "READ", "no such tag")
+    plant.sim.command("etherip tag B DINT = 8")
+    plant.sim.command("etherip download")
+    plant.ioc.wait_value("b", 8)
+    assert plant.ioc.severity("b") == "NO_ALARM"
+
+
+def test_download(plant):
+    """After a download ids mean other tags: no record shows one of those"""
+    plant.tags(*(f"tag T{n} DINT = {n}" for n in range(20)))
+    plant.records(*(rec("longin", f"t{n}", f"T{n} S 0.02") for n in range(20)))
+    for n in range(20):
+        plant.ioc.wait_value(f"t{n}", n)
+    until(lambda: plant.ioc.command("drvEtherIP_dump").count("instance") == 20)
+    for n in range(20):
+        plant.set(f"T{n}", n + 100)
+    plant.sim.command("etherip download")
+    for n in range(20):
+        plant.ioc.wait_value(f"t{n}", n + 100)
+
+
+def test_type_change(plant):
+    """A tag of another type after a download is read with that type"""
+    plant.tags("tag A DINT = 70000")
+    plant.records(rec("ai", "a", "A S 0.05"), rec("ao", "o", "A S 0.05"))
+    plant.ioc.wait_value("a", 70000.0)
+    plant.sim.command("etherip tag A REAL = 2.5")
+    plant.sim.command("etherip download")
+    plant.ioc.wait_value("a", 2.5)
+    plant.ioc.put("o", 0.25)
+    plant.wait_tag("A", "0.25")
+
+
+def test_new_link(plant):
+    """A link that changes to a tag nobody used before is served at once, in and out"""
+    plant.tags("tag A DINT = 1", "tag B INT = 2", "tag C DINT[10] = 3")
+    plant.records(rec("longin", "i", "A S 0.05"), rec("longout", "o", "A S 0.05"))
+    plant.ioc.wait_value("i", 1)
+    plant.ioc.put("i.INP", "@P B S 0.05")
+    plant.ioc.wait_value("i", 2)
+    plant.ioc.put("i.INP", "@P C[7] S 0.05")
+    plant.set("C[7]", 37)
+    plant.ioc.wait_value("i", 37)
+    plant.ioc.put("o.OUT", "@P C[8] S 0.05")
+    plant.ioc.put("o", 38)
+    plant.wait_tag("C[8]", "38")
+
+
+def test_single_elements(plant):
+    """A put writes its own element, never its neighbours with old values"""
+    plant.tags("tag A DINT[20]")
+    plant.records(*(rec("longout", f"o{n}", f"A[{n}] S 0.1") for n in range(20)))
+    plant.ioc.wait_value("o19", 0)
+    plant.sim.command("etherip clear")
+    plant.ioc.put("o7", 7)
+    plant.wait_tag("A[7]", "7")
+    for n in (6, 8):
+        plant.set(f"A[{n}]", 100 + n)
+        plant.ioc.put("o7", n)
+        plant.wait_tag("A[7]", str(n))
+        assert plant.tag(f"A[{n}]") == str(100 + n)
+
+
+def test_follow_and_force(plant):
+    """Outputs follow the PLC; with FORCE the record's value goes back to the PLC"""
+    plant.tags("tag A DINT = 4", "tag B DINT = 5", "tag R REAL = 1")
+    plant.records(rec("longout", "a", "A S 0.05"), rec("longout", "b", "B S 0.05 FORCE"),
+                  rec("ao", "r", "R S 0.05 FORCE"))
+    plant.ioc.wait_value("a", 4)
+    plant.ioc.wait_value("b", 5)
+    plant.set("A", 6)
+    plant.ioc.wait_value("a", 6)
+    plant.ioc.put("b", 50)
+    plant.wait_tag("B", "50")
+    plant.set("B", 7)
+    plant.wait_tag("B", "50")
+    assert plant.ioc.get("b") == 50
+    plant.ioc.put("r", 0.1)
+    until(lambda: abs(float(plant.tag("R")) - 0.1) < 1e-6)
+    assert plant.ioc.get("r") == 0.1
+
+
+def test_puts_from_periodic_scan(plant):
+    """No put to an output with a periodic SCAN is lost"""
+    plant.tags("tag A DINT")
+    plant.records(rec("longout", "a", "A S 0.05", "SCAN=.1 second"))
+    plant.ioc.wait_value("a", 0)
+    for value in range(1, 31):
+        plant.ioc.put("a", value)
+        plant.wait_tag("A", str(value))
+
+
+# --- Connections --------------------------------------------------------------------------
+
+def test_away(plant):
+    """The PLC goes and comes: INVALID with COMM meanwhile, and values are back by themselves"""
+    plant.tags("tag A DINT = 1", "tag B DINT")
+    plant.records(rec("longin", "a", "A S 0.05"), rec("longout", "b", "B S 0.05"))
+    plant.ioc.wait_value("a", 1)
+    plant.ioc.put("b", 3)
+    plant.wait_tag("B", "3")
+    plant.sim.command("etherip refuse on")
+    plant.sim.command("etherip close")
+    plant.ioc.wait_alarm("a", "INVALID", "COMM")
+    plant.set("A", 2)
+    plant.sim.command("etherip refuse off")
+    plant.ioc.wait_value("a", 2)
+    until(lambda: plant.ioc.severity("a") == "NO_ALARM")
+    plant.ioc.put("b", 4)
+    plant.wait_tag("B", "4")
+
+
+LIES = ["wrongcontext", "wrongsession", "wrongsequence", "wrongid", "wrongservice", "swap", "old",
+        "short 30", "garbage 60", "length 5", "close", "drop", "silent"]
+
+
+def test_lies(plant):
+    """Answers with any lie give no wrong value, and the IOC recovers"""
+    plant.tags(*(f"tag T{n} DINT = {n * 1000}" for n in range(8)))
+    plant.records(*(rec("longin", f"t{n}", f"T{n} E S 0.02") for n in range(8)),
+                  before="EIP_timeout(200)")
+    for n in range(8):
+        plant.ioc.wait_value(f"t{n}", n * 1000)
+    for lie in LIES:
+        for turn in range(3):
+            plant.sim.command(f"etherip {lie} next 1")
+            assert all(plant.ioc.get(f"t{n}") == n * 1000 for n in range(8)), lie
+        plant.sim.command("etherip normal")
+        until(lambda: all(plant.ioc.severity(f"t{n}") == "NO_ALARM" for n in range(8)), lie)
+    plant.set("T3", 3333)
+    plant.ioc.wait_value("t3", 3333)
+
+
+@pytest.mark.parametrize("profile, way", [
+    ("l8x", "connected, 4002 bytes"), ("enet", "connected, 504 bytes"),
+    ("micro800", "connected, 504 bytes"), ("omron", "connected, 1994 bytes")])
+def test_profiles(plant, profile, way):
+    """A {profile} is read and written: {way}"""
+    plant.tags("tag A DINT[100] = 7", "tag B BOOL[64]", "tag R REAL = 1.5", profile=profile)
+    plant.records(rec("longin", "a", "A[99] S 0.05"), rec("longout", "o", "A[5] S 0.05"),
+                  rec("bo", "b", "B[40] S 0.05"), rec("bi", "bi", "B[40] S 0.05"),
+                  rec("ai", "r", "R S 0.05"), slot=-1 if profile in ("micro800", "omron") else 0)
+    plant.ioc.wait_value("r", 1.5)
+    plant.ioc.wait_value("a", 7)
+    assert way in plant.ioc.command("drvEtherIP_report 1")
+    plant.ioc.put("o", -8)
+    plant.wait_tag("A[5]", "-8")
+    if profile not in ("micro800", "omron"):
+        plant.ioc.put("b", 1)
+        plant.ioc.wait_value("bi", 1)
+
+
+def test_slot(plant):
+    """An empty slot is said in words"""
+    plant.tags("tag A DINT")
+    plant.records(rec("longin", "a", "A S 0.05"), slot=3)
+    plant.ioc.wait_alarm("a", "INVALID", "COMM", "no module in that slot", ask=True)
+
+
+def test_size(plant):
+    """A size that the PLC refuses is learned from the refusal"""
+    plant.tags("tag A DINT[400] = 3", size=600)
+    plant.records(rec("waveform", "a", "A S 0.05", "FTVL=LONG", "NELM=400"))
+    until(lambda: plant.ioc.plain("a") == [3] * 400)
+    assert "connected, 600 bytes" in plant.ioc.command("drvEtherIP_report 1")
+
+
+def test_few_requests(plant):
+    """The paper's load: 352 BOOLs at 10 Hz and 120 REALs at 2 Hz are 10 requests a second"""
+    plant.tags("tag BOOLs BOOL[352]", "tag REALs1 REAL[40]", "tag REALs2 REAL[40]",
+               "tag REALs3 REAL[40] = 4")
+    plant.records(*(rec("bi", f"b{n}", f"BOOLs[{n}] S 0.1") for n in range(352)),
+                  *(rec("ai", f"r{k}{n}", f"REALs{k}[{n}] S 0.5")
+                    for k, n in itertools.product((1, 2, 3), range(40))),
+                  rec("ai", "time", "REALs1 S 0.1 TAG_TRANSFER_TIME", "SCAN=.1 second"))
+    plant.ioc.wait_value("r339", 4.0)
+    until(lambda: plant.ioc.get("time") > 0)
+    until(lambda: "read in 4 parts by 1 requests" in plant.ioc.command("drvEtherIP_report 1"))
+
+
+# --- Commands -----------------------------------------------------------------------------
+
+def test_commands(plant):
+    """The commands of ether_ip work, and plcTag does the same without an IOC"""
+    plant.tags("udt Axis Pos:INT State:SINT", "tag A Axis", "tag D DINT[4] = 5")
+    plant.records(rec("longin", "d", "D[3] S 0.05"), rec("ai", "errors", "D S 0.05 PLC_ERRORS",
+                                                         "SCAN=.1 second"),
+                  'record(bo, "$(P)reset") { field(DTYP, "EtherIPReset") }\n')
+    plant.ioc.wait_value("d", 5)
+    assert re.search(r"D +DINT\[4\]", plant.ioc.command("drvEtherIP_list"))
+    kind = subprocess.run([PLC_TAG, f"127.0.0.1:{plant.port}", "describe", "A"],
+                          capture_output=True, text=True, check=True).stdout
+    assert re.search(r"\.Pos +INT", kind) and "4 bytes" in kind
+    assert "D=5 5 5 5" in plant.ioc.command(
+        f"drvEtherIP_read_tag 127.0.0.1:{plant.port} 0 D 4 1000")
+    assert re.search(r"D +DINT, 4 bytes, every 0.05 s", plant.ioc.command("drvEtherIP_dump"))
+    plant.ioc.put("reset", 1)
+    for command in ("drvEtherIP_help", "EIP_verbosity(7)", "EIP_buffer_limit(450)",
+                    "drvEtherIP_default_rate(0.5)", "drvEtherIP_reset_statistics",
+                    "drvEtherIP_restart", "dbior drvEtherIP 2"):
+        plant.ioc.command(command)
+    plant.set("D[3]", 6)
+    plant.ioc.wait_value("d", 6)
+    assert plant.ioc.get("errors") >= 0
+
+
+BAD_LINKS = [
+    ("@P", "no tag"), ("@P a[", "no number in the index"), ("@P a%", "is not possible"),
+    ("@P a S", "is no number"), ("@P a B 64", "B 64"), ("@P a X", "is no flag"),
+    ("@Q a", 'no PLC "Q"'), ("@P a.3 B 4", "one of them")]
+
+
+def test_bad_links(plant):
+    """A bad link is one clear line, and LINK/INVALID"""
+    plant.tags("tag a DINT")
+    plant.records(*(f'record(longin, "$(P)bad{n}") {{ field(DTYP, "EtherIP") '
+                    f'field(INP, "{link}") }}\n' for n, (link, _) in enumerate(BAD_LINKS)))
+    for n, (_, words) in enumerate(BAD_LINKS):
+        plant.ioc.process_record(f"bad{n}")
+        assert plant.ioc.alarm(f"bad{n}")[:2] == ("INVALID", "LINK")
+        line = next(line for line in plant.ioc.log.splitlines() if f'bad{n}"' in line)
+        assert words in line
+
+
+def test_plctag_writes(plant):
+    """plcTag writes numbers, bits and strings, and says why not"""
+    plant.tags("udt Name string 4", "tag D DINT[4]", "tag S STRING", "tag N Name", "tag R REAL")
+
+    def tag(*words, status=0):
+        done = subprocess.run([PLC_TAG, f"127.0.0.1:{plant.port}", *words], capture_output=True,
+                              text=True, timeout=30)
+        assert done.returncode == status, done
+        return done.stdout + done.stderr
+
+    tag("write", "D[1]", "5", "-6")
+    tag("write", "D[3].4", "1")
+    tag("write", "S", "a \"b\"")
+    tag("write", "N", "abcd")
+    tag("write", "R", "0.1")
+    assert tag("read", "D", "S", "N", "R") == 'D=0\nS="a \\"b\\""\nN="abcd"\nR=0.1\n'
+    assert [plant.tag(f"D[{n}]") for n in range(4)] == ["0", "5", "-6", "16"]
+    assert "does not fit" in tag("write", "N", "abcde", status=1)
+    assert "does not fit DINT" in tag("write", "D", "1.5", status=1)
+    assert "no such tag" in tag("read", "nix", status=1)
+    assert tag("list", "[DR]").split() == ["D", "DINT[4]", "R", "REAL"] or tag("list", "R")
+    assert "1756-L83E" in tag("identify")
+    assert tag("read", "a[", status=1)
