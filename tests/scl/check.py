@@ -35,6 +35,7 @@ CONVERSIONS.update({
     "INT_TO_DINT": (INT, DINT, "{}"), "INT_TO_REAL": (INT, REAL, "float({})"),
     "DINT_TO_REAL": (DINT, REAL, "float({})"), "REAL_TO_DINT": (REAL, DINT, "round({})"),
     "REAL_TO_INT": (REAL, INT, "round({})"),
+    "REAL_TO_DWORD": (REAL, DWORD, "_bits({})"), "DWORD_TO_REAL": (DWORD, REAL, "_real({})"),
     "WORD_TO_BLOCK_DB": (WORD, BLOCK_DB, "{}"), "BLOCK_DB_TO_WORD": (BLOCK_DB, WORD, "{}")})
 
 SHIFTS = {"SHL": "({0} << {1}) & {2}", "SHR": "{0} >> {1}",

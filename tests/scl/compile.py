@@ -272,6 +272,8 @@ class Body(Expressions):
             for number, kind in self.program.dbs.values():
                 if number == int(match[2]):
                     return Place(kind, f"DB{number}", "0", "0", db=number)
+            # The plant's: it is there when the program runs, or the CPU stops
+            return Place(Struct(name), f"_db({int(match[2])})", "0", "0", db=int(match[2]))
         return None
 
     # --- statements --------------------------------------------------------------------

@@ -6,6 +6,7 @@ import random
 import struct
 
 from . import scenarios, tables
+from .machine import Machine
 from .tables import (ACTIVE, BEGIN, CHECK, COMMIT, DATA, NONE, PART, TABLE, crc_of, rx, tx)
 
 ROWS_BAD = [
@@ -344,52 +345,84 @@ def run(program, step, seeds, actions=40):
         Episode(program, step, seed).run(actions)
 
 
-def guide(program, step, seed, cycles=150):
-    """The program of plc-programming.md: checks, puts, HMI, LOCAL, breaks and silence."""
-    chance, plc = random.Random(seed), scenarios.Plc(program)
-    step.order("restart")
-    for number, data in ((10, bytes(plc.points)), (1, bytes(32)), (2, bytes(12))):
-        step.put(number, 0, data)
-    now, log = 1000, []
+class Twin:
+    """A program of the kind of plc-programming.md, and plcSim's: checks, puts, HMI, LOCAL,
+    breaks and silence. The setpoints are shown where they come. dbs: the plant's, number ->
+    bytes; every cycle compares what is sent, and all of them."""
 
-    def cycle(block=None, ms=tables.STEP):
-        nonlocal now
-        now += ms
-        block = block if plc.wire.connected else None
+    def __init__(self, program, step, sizes, layout, dbs, seed):
+        self.chance = random.Random(seed)
+        self.machine = Machine(program, {}, dbs)
+        self.wire = self.machine.link = scenarios.Wire()
+        self.step, self.layout, self.dbs = step, layout, dbs
+        self.in_size, self.out_size = sizes
+        self.remote, self.now, self.log = True, 1000, []
+        step.order("restart")
+        step.put(1, 0, bytes(self.in_size))
+        step.put(2, 0, bytes(self.out_size))
+        for number, size in dbs.items():
+            self.machine.dbs[number][:] = self.chance.randbytes(size)
+            step.put(number, 0, bytes(self.machine.dbs[number]))
+        step.put(0, 0, bytes(256))
+
+    def cycle(self, block=None, ms=tables.STEP):
+        block = block if self.wire.connected else None
         if block:
-            plc.wire.coming.append(block)
-        plc.machine.ms = now - tables.STEP
-        count = len(plc.wire.sent)
-        plc.cycle()
-        sent = plc.wire.sent[-1] if len(plc.wire.sent) > count else None
-        log.append((now, block, sent))
-        theirs = step.cycle(now, plc.wire.connected, plc.remote, True, sent is not None, block)
-        assert sent == theirs, (seed, log[-20:])
-        assert bytes(plc.points) == step.memory(10)
+            self.wire.coming.append(block)
+        self.now += ms
+        self.machine.ms = self.now
+        count = len(self.wire.sent)
+        self.machine.call_block("IE_COMMS", "IE_COMMS_DB", REMOTE=self.remote,
+                                CONNECTED=self.wire.connected, LAYOUT=self.layout)
+        sent = self.wire.sent[-1] if len(self.wire.sent) > count else None
+        self.log.append((self.now, block and block.hex(), sent and sent.hex()))
+        theirs = self.step.cycle(self.now, self.wire.connected, self.remote, True,
+                                 sent is not None, block)
+        assert sent == theirs, (theirs.hex(), self.log[-20:])
+        for number in self.dbs if block else ():
+            assert bytes(self.machine.dbs[number]) == self.step.memory(number), number
 
-    plc.wire.connected = False
-    cycle()
-    plc.wire.connected = True
-    for _ in range(cycles):
-        what = chance.randrange(12)
-        layout = chance.choice([scenarios.LAYOUT] * 6 + [0, 1])
-        if what < 3:
-            shown = bytearray(plc.points[:8])
-            shown[chance.randrange(8)] ^= chance.choice([0, 0, 0, 1])
-            cycle(struct.pack(">BBH", CHECK, 0, layout) + bytes(shown))
-        elif what < 5:
-            cycle(struct.pack(">BBH", chance.choice([DATA, DATA, 0, 3]), 0, layout)
-                  + chance.randbytes(8))
-        elif what == 5:
-            byte, value = chance.randrange(24), chance.randbytes(1)
-            plc.points[byte:byte + 1] = value
-            step.put(10, byte, value)
-        elif what == 6:
-            plc.remote = chance.randrange(4) > 0
-        elif what == 7:
-            plc.wire.connected = chance.randrange(5) > 0
-        elif what == 8 and chance.randrange(4) == 0:
-            cycle()
-            cycle(ms=4000)
-        for _ in range(chance.randrange(1, 8)):
-            cycle()
+    def block(self, flags, body):
+        layout = self.chance.choice([self.layout] * 6 + [0, 1])
+        return struct.pack(">BBH", flags, 0, layout) + body
+
+    def run(self, cycles=150):
+        """Returns how often SYNC was there, and how often a block was taken."""
+        self.wire.connected = False
+        self.cycle()
+        self.wire.connected = True
+        synced = taken = 0
+        for _ in range(cycles):
+            before = {n: bytes(self.machine.dbs[n]) for n in self.dbs}
+            was = self.machine.get("IE_COMMS_DB.SYNC")
+            self.something()
+            synced += self.machine.get("IE_COMMS_DB.SYNC")
+            taken += was and before != {n: bytes(self.machine.dbs[n]) for n in self.dbs}
+            for _ in range(self.chance.randrange(1, 15)):
+                self.cycle()
+        return synced, taken
+
+    def something(self):
+        what = self.chance.randrange(12)
+        if what < 4 and self.wire.sent:
+            for _ in range(13):
+                self.cycle()        # a block that shows what the PLC holds
+            shown = bytearray(self.wire.sent[-1][4:self.out_size])
+            if self.chance.randrange(4) == 0:
+                shown[self.chance.randrange(len(shown))] ^= 1 << self.chance.randrange(8)
+            self.cycle(self.block(CHECK, bytes(shown)))
+        if what < 6:
+            self.cycle(self.block(self.chance.choice([DATA, DATA, DATA, 0, 3]),
+                                  self.chance.randbytes(self.out_size - 4)))
+        elif what < 8:
+            number = self.chance.choice(list(self.dbs))
+            byte = self.chance.randrange(self.dbs[number])
+            self.machine.dbs[number][byte:byte + 1] = value = self.chance.randbytes(1)
+            self.step.put(number, byte, value)
+        elif what == 8:
+            self.remote = self.chance.randrange(4) > 0
+        elif what == 9:
+            self.wire.connected = self.chance.randrange(5) > 0
+        elif what == 10 and self.chance.randrange(4) == 0:
+            self.cycle()
+            self.cycle(ms=4000)

@@ -109,7 +109,8 @@ class Machine:
     def helpers(self):
         names = {"_system": self._system, "_timer": self._standard, "_db": self._db,
                  "_any": any_pointer, "_index": index, "_bit": bit, "_set_bit": set_bit,
-                 "_cut": cut, "_paste": paste, "_div": divide, "_mod": modulo, "_rol": rotate}
+                 "_cut": cut, "_paste": paste, "_div": divide, "_mod": modulo, "_rol": rotate,
+                 "_bits": bits_of, "_real": real_of}
         for code in "BHhIif":
             one = struct.Struct(">" + code)
             names[f"_get_{code}"] = lambda m, at, f=one.unpack_from: f(m, at)[0]
@@ -193,6 +194,14 @@ def divide(a, b):
 
 def modulo(a, b):
     return a - b * divide(a, b)
+
+
+def bits_of(value):
+    return struct.unpack(">I", struct.pack(">f", value))[0]
+
+
+def real_of(bits):
+    return struct.unpack(">f", struct.pack(">I", bits))[0]
 
 
 def rotate(value, count, bits):

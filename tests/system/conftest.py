@@ -19,8 +19,19 @@ from sim import Sim  # noqa: E402
 PLCS = {"plcSim": Sim, "SCL": SclPlc}
 
 
+def left_out(item):
+    """A run against the SCL that takes its time and shows little that others do not."""
+    always = getattr(item.module, "SCL_ALWAYS", ())
+    return ("SCL" in getattr(getattr(item, "callspec", None), "id", "").split("-")
+            and item.originalname not in always and not os.environ.get("PLCLINK_ALL"))
+
+
 def pytest_collection_modifyitems(items):
-    """The first line of a test's docstring is its name in the report. {x} is a parameter."""
+    """The first line of a test's docstring is its name in the report. {x} is a parameter.
+
+    PLCLINK_ALL=1: all tests of the handshake and of tables against the SCL, too.
+    """
+    items[:] = [item for item in items if not left_out(item)]
     for item in items:
         sentence = (item.obj.__doc__ or item.name).strip().splitlines()[0].rstrip(".")
         if hasattr(item, "callspec"):

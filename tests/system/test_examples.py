@@ -107,7 +107,7 @@ def test_commands(run, text):
     """the commands {id} are accepted"""
     lines = [c for c in map(command_of, text.splitlines()) if c]
     made = set(re.findall(r'(?:s7plc|phoenixplc|modbusplc)Configure[ ("]+([\w-]+)', "\n".join(lines)))
-    used = set(re.findall(r's7plc(?:SetOption|Report|Show|Send|StatsReset|ModbusOutput)[ ("]+([\w-]+)',
+    used = set(re.findall(r's7plc(?:SetOption|Tables|Report|Show|Send|StatsReset|ModbusOutput)[ ("]+([\w-]+)',
                           "\n".join(lines)))
     used |= set(re.findall(r'drvAsynS7plcConfigure[ ("]+[\w-]+[", ]+([\w-]+)', "\n".join(lines)))
     program = "s7plcIoc"
@@ -118,6 +118,7 @@ def test_commands(run, text):
         if not (TOP / "bin" / ARCH / program).exists():
             pytest.skip("s7plcAsyn is not built: ASYN is not set in configure/RELEASE.local")
     (run.folder / "my.db").write_text("")
+    (run.folder / "plant.ptr").write_text(next(t for _, t in blocks() if t.startswith("layout ")))
     log = run(configures(used - made) + "\n".join(
         c for c in lines if not c.startswith(("dbLoadDatabase", "dbLoadRecords"))), program)
     assert "all of it was run" in log, log
@@ -165,7 +166,7 @@ WRONG = [
     "s7plcConfigure PLC", "s7plcConfigure X, 1.2.3.4, port, 8, 8", "s7plcConfigure PLC, 1.2.3.4, 1, 1, 1",
     "s7plcSetOption Nemo scan all", "s7plcSetOption PLC scan some", "s7plcSetOption PLC nothing 1",
     "s7plcReport Nemo", "s7plcReport PLC much", "s7plcShow Nemo", "s7plcShow PLC inside",
-    "s7plcSend Nemo", "s7plcSend Silent", "s7plcStatsReset Nemo", "s7plcModbusOutput Nemo",
+    "s7plcTables Nemo x.ptr", "s7plcTables PLC", "s7plcTables PLC none.ptr", "s7plcSend Nemo", "s7plcSend Silent", "s7plcStatsReset Nemo", "s7plcModbusOutput Nemo",
     "modbusplcConfigure M", "phoenixplcConfigure F",
 ]
 

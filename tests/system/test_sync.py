@@ -47,6 +47,10 @@ record(bi, "$(P)Connected")     { field(DTYP, "S7plc stat") field(INP, "@PLC") f
 """ + (TOP / "s7plcApp/Db/s7plcSync.db").read_text().replace("$(PLC)", "PLC")
 
 
+# With the SCL of plc-programming.md as the PLC; PLCLINK_ALL=1 runs the others so, too
+SCL_ALWAYS = ("test_put", "test_local", "test_hmi_during_check", "test_watchdog", "test_pair")
+
+
 def database(explicit=False):
     text = DB
     for place in (4, 8, 10, 12, 20):

@@ -12,6 +12,9 @@ from scl.plc import SclTablesPlc
 from sim import Sim
 from waiting import until, until_equal
 
+# With the SCL of plc-tables.scl as the PLC; PLCLINK_ALL=1 runs the others so, too
+SCL_ALWAYS = ("test_download", "test_forbidden", "test_hundred_rows")
+
 TABLE_PLCS = {"plcSim": Sim, "SCL": SclTablesPlc}
 
 # DB10 setpoints: REAL Temp, INT Speed, INT Mode. DB11 measurements. DB12 is nobody's business.
@@ -231,14 +234,17 @@ def test_old_ioc(new_plc, new_ioc):
 
 def slow(plc_text):
     """A PLC slow enough to be caught in the middle of a download."""
-    return plc_text.replace("period = 20 ms", "period = 150 ms")
+    return plc_text.replace("period = 20 ms", "period = 60 ms")
 
 
 def middle(ioc):
     until(lambda: 0 < ioc.get("Map:Progress") < 100, "the middle of a download")
 
 
-@pytest.mark.parametrize("fault", ["restart", "close", "reset", "killed", "second IOC"])
+FAULTS = ["restart", "killed", "second IOC"] + ["close", "reset"] * ("PLCLINK_ALL" in os.environ)
+
+
+@pytest.mark.parametrize("fault", FAULTS)
 def test_middle(new_plc, new_table_ioc, fault):
     """in the middle of a download: {fault}; the PLC keeps its table, and then gets the new one"""
     plc = new_plc(slow(PLC) + OLD)
@@ -337,3 +343,11 @@ def test_messages(new_ioc, tmp_path, lines, words):
     lines = lines.format(bad=tmp_path / "bad.ptr", good=tmp_path / "good.ptr")
     ioc = new_ioc(f's7plcConfigure("PLC", "127.0.0.1", 1, 48, 32, 1, 5000, 20)\n{lines}', "")
     assert words in ioc.log
+
+def test_demo():
+    """make demo-tables without a terminal ends by itself and says demo ok"""
+    env = {k: v for k, v in os.environ.items() if not k.startswith("EPICS_C")}
+    run = subprocess.run([str(TOP / "iocBoot/iocTables/demo")], stdin=subprocess.DEVNULL, env=env,
+                         capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert run.stdout.endswith("demo ok\n"), run.stdout

@@ -1,13 +1,16 @@
 """Tables of pointers in the PLC: the SCL of plc-tables.scl and plcSim's program, side by side,
 one cycle at a time and without a network. Both must send the same bytes."""
 import os
+import subprocess
 
 import pytest
 
+from client import TOP
 from scl import episodes, mutate, scenarios, tables, texts
 from scl.compile import Program
 from scl.parse import SclError
 from scl.step import Step
+from scl.scenarios import INSTANCE
 from scl.tables import ACTIVE, CHECKING, GOOD, LOADING, NONE, OTHER, REFUSED, pointer, rx, tx
 
 TEXT = tables.document()
@@ -283,9 +286,9 @@ def test_random_lives(program, step):
 def test_mutants(step):
     """slips of the keyboard in the loader do not compile, or its bytes differ from plcSim's
 
-    PLCLINK_MUTANTS: each how-manieth is tried, 60 by default here.
+    PLCLINK_MUTANTS: each how-manieth is tried, 151 by default here.
     """
-    number = int(os.environ.get("PLCLINK_MUTANTS", "60"))
+    number = int(os.environ.get("PLCLINK_MUTANTS", "151"))
     refused = failed = 0
     left = []
     for index, (pos, what, text) in enumerate(mutate.mutants(TEXT)):
@@ -324,15 +327,71 @@ def lives(program, step):
 
 # --- The program of plc-programming.md against plcSim's ------------------------------------------
 
-def test_guide():
-    """the program of plc-programming.md and plcSim's send the same bytes, block by block"""
-    text = scenarios.document()
-    program = Program(text, texts.symbols(text))
-    step = Step([f"blocks {scenarios.IN} {scenarios.OUT}", "db 10 24", "db 11 24",
-                 f"layout {scenarios.LAYOUT}", "tx P#DB10.DBX0.0 BYTE 8 -> 4",
-                 "rx 4 -> P#DB10.DBX0.0 BYTE 8", f"begin 0 {scenarios.WATCHDOG}"])
+def twins(text, orders, sizes, layout, dbs, seeds=4):
+    """Both programs through some lives; SYNC and puts must have been among them."""
+    program, step = Program(text, texts.symbols(text)), Step(orders)
     try:
-        for seed in range(40):
-            episodes.guide(program, step, seed)
+        counts = [episodes.Twin(program, step, sizes, layout, dbs, seed).run()
+                  for seed in range(seeds)]
     finally:
         step.close()
+    assert sum(synced for synced, _ in counts) > 10 and sum(taken for _, taken in counts) > 2
+
+
+def test_guide():
+    """the program of plc-programming.md and plcSim's send the same bytes, block by block"""
+    twins(scenarios.document(),
+          [f"blocks {scenarios.IN} {scenarios.OUT}", "db 10 24", "db 11 24",
+           f"layout {scenarios.LAYOUT}", "tx P#DB10.DBX0.0 BYTE 8 -> 4",
+           "rx 4 -> P#DB10.DBX0.0 BYTE 8", f"begin 0 {scenarios.WATCHDOG}"],
+          (scenarios.IN, scenarios.OUT), scenarios.LAYOUT, {10: 24, 11: 24})
+
+
+# Three maps: by pointers, one value at a time, and blocks longer than AG_SEND takes
+HEAD = "symbol,plc,type,dir,tx,rx,via,pv\n"
+MAPS = {
+    "pointers": HEAD + """T.Temp,DB10.DBD0,REAL,out,4,4,ptr,Temp
+T.Speed,DB10.DBW4,INT,out,8,8,ptr,Speed
+T.Ramp,DB10.DBD6,ARRAY[1..3] OF REAL,out,12,12,ptr,Ramp
+T.Level,DB11.DBD0,REAL,in,24,,ptr,Level
+T.Name,DB11.DBB10,STRING[20],in,28,,ptr,Name
+""",
+    "one by one": HEAD + """T.Temp,DB10.DBD0,REAL,out,4,4,explicit,Temp
+T.Pump,DB10.DBX6.1,BOOL,out,8.0,8.0,explicit,Pump
+T.Heater,DB10.DBX7.5,BOOL,out,8.3,8.3,explicit,Heater
+T.Mode,DB10.DBB9,BYTE,out,9,9,explicit,Mode
+T.Speed,DB10.DBW10,INT,out,10,10,explicit,Speed
+T.Count,DB11.DBD6,DINT,in,12,,explicit,Count
+T.Door,DB11.DBX0.7,BOOL,in,16.2,,explicit,Door
+T.Level,DB11.DBW2,INT,in,18,,explicit,Level
+""",
+    "long blocks": HEAD + """T.Set,DB10.DBW0,ARRAY[1..140] OF INT,out,4,4,ptr,Set
+T.On,DB10.DBX290.3,BOOL,out,284.0,284.0,explicit,On
+T.Is,DB11.DBD0,ARRAY[1..60] OF REAL,in,290,,ptr,Is
+""",
+}
+KEYS = "key,value\nname,PLC\nsync,on\nreadback,0\nprefix,t:\n"
+
+
+def plcmap():
+    return next((TOP / "bin").glob("*/plcmap"))
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_generated(tmp_path, name):
+    """what plcmap generates for a map ({id}): the SCL and the .plc file send the same bytes"""
+    folder = tmp_path / "map"
+    folder.mkdir()
+    (folder / "plc.csv").write_text(KEYS)
+    (folder / "map.csv").write_text(MAPS[name])
+    subprocess.run([str(plcmap()), "generate", str(folder), "-o", str(tmp_path)], check=True,
+                   capture_output=True)
+    text = (tmp_path / "map-step7.scl").read_text()
+    assert ("AG_LSEND" in text and "AG_LRECV" in text) == (name == "long blocks")
+    lines = [line.split() for line in (tmp_path / "map.plc").read_text().splitlines()]
+    keys = {words[0]: words[2] for words in lines if words[1:2] == ["="]}
+    dbs = {10: 300, 11: 300}
+    twins(text + INSTANCE, [f"blocks {keys['in']} {keys['out']}", f"layout {keys['layout']}"]
+          + [f"db {number} {size}" for number, size in dbs.items()]
+          + [" ".join(words) for words in lines if words[:1] in (["tx"], ["rx"])]
+          + ["begin 0 3000"], (int(keys["in"]), int(keys["out"])), int(keys["layout"]), dbs)

@@ -278,30 +278,32 @@ static void sendCall(const iocshArgBuf *args)
 static const iocshArg fileArg = {"file.ptr", PLC_ARG_PATH};
 static const iocshArg *const tableArgs[] = {&oneStationArg, &fileArg};
 
+static int takeTable(plcStation *station, const char *name, const char *path)
+{
+    FILE *file = path ? fopen(path, "r") : NULL;
+    plcPointers *table;
+    char error[300];
+
+    if (!file)
+        return fprintf(stderr, "s7plcTables %s: cannot read \"%s\": %s\n", name,
+                       path ? path : "", path ? strerror(errno) : "no file given");
+    table = plcPointersRead(file, error, sizeof(error));
+    fclose(file);
+    if (!table)
+        return fprintf(stderr, "s7plcTables %s: %s: %s\n", name, path, error);
+    if (plcStationSetTable(station, table)) {
+        plcPointersFree(table);
+        return fprintf(stderr, "s7plcTables %s: only before iocInit\n", name);
+    }
+    return 0;
+}
+
 static void tableCall(const iocshArgBuf *args)
 {
     plcStation *station = needStation("s7plcTables", args[0].sval);
-    const char *path = args[1].sval;
-    plcPointers *table = NULL;
-    char error[300];
-    FILE *file;
 
-    if (!station)
-        return;
-    file = path ? fopen(path, "r") : NULL;
-    if (!file) {
-        fprintf(stderr, "s7plcTables %s: cannot read \"%s\": %s\n", args[0].sval,
-                path ? path : "", path ? strerror(errno) : "no file given");
-        return;
-    }
-    table = plcPointersRead(file, error, sizeof(error));
-    fclose(file);
-    if (!table) {
-        fprintf(stderr, "s7plcTables %s: %s: %s\n", args[0].sval, path, error);
-    } else if (plcStationSetTable(station, table)) {
-        plcPointersFree(table);
-        fprintf(stderr, "s7plcTables %s: only before iocInit\n", args[0].sval);
-    }
+    if (station && takeTable(station, args[0].sval, args[1].sval))
+        iocshSetError(-1);
 }
 
 static const iocshFuncDef configureDef = {
