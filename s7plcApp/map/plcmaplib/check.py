@@ -73,7 +73,7 @@ def _check_plc(map_):
 
 def _check_db_numbers(map_):
     seen = {}
-    for key in ("tx_db", "rx_db", "tx_ptrs", "rx_ptrs", "acc_db"):
+    for key in ("tx_db", "rx_db", "tx_ptrs", "rx_ptrs", "acc_db", "held_db"):
         number = map_.plc[key]
         if number in seen:
             map_.report.error(map_.plc_place(key), key, "DB%s is %s already" % (number, seen[number]))
@@ -223,7 +223,7 @@ def _check_readback(map_):
 def _check_memory(map_):
     if not map_.has_blocks() or map_.plc["wire"] == "modbus":
         return
-    ours = {map_.number(k): k for k in ("tx_db", "rx_db", "tx_ptrs", "rx_ptrs", "acc_db")}
+    ours = {map_.number(k): k for k in ("tx_db", "rx_db", "tx_ptrs", "rx_ptrs", "acc_db", "held_db")}
     for item in map_.rows:
         a = item.address
         if item.type is None or a is None or not a.area or item.dir == "reserved":

@@ -85,6 +85,7 @@ PLC_KEYS = {
     "tx_ptrs": ("3", (1, 65535), "DB of the pointer table PLC to IOC"),
     "rx_ptrs": ("4", (1, 65535), "DB of the pointer table IOC to PLC"),
     "acc_db": ("5", (1, 65535), "DB of the setpoints last accepted"),
+    "held_db": ("6", (1, 65535), "DB of the setpoints that the PLC holds, for CHECKSYNC"),
     "min_in": ("0", (0, 65536), "least bytes of the block PLC to IOC"),
     "min_out": ("0", (0, 65536), "least bytes of the block IOC to PLC"),
     "prefix": ("", None, "in front of all record names"),

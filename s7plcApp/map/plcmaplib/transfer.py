@@ -9,8 +9,6 @@ import zlib
 from .types import Array, Elementary, is_struct
 
 MAX_ROW = 1024  # bytes of a pointer row
-ROW_BYTES = 20
-TABLE_HEAD = 10
 
 
 class Span:
@@ -165,8 +163,8 @@ def _cut(spans):
 
 
 def table(map_, layout, tx, rx):
-    """The pointer table for the download, CRC filled in: layout id, rows TX, rows RX, CRC-32,
-    then source and destination of each row; big-endian."""
+    """The bytes of the pointer table for the download, CRC filled in: layout id, rows TX, rows
+    RX, CRC-32, then source and destination of each row; big-endian."""
     from .address import Address
     rows = b""
     tx_block = Address("DB", map_.number("tx_db"), 0)
@@ -181,17 +179,6 @@ def table(map_, layout, tx, rx):
         len(rx.spans).to_bytes(2, "big")
     crc = zlib.crc32(head + bytes(4) + rows) & 0xFFFFFFFF
     return head + crc.to_bytes(4, "big") + rows
-
-
-def table_crc(data):
-    """The CRC-32 of a table if it is a good one, else None."""
-    if len(data) < TABLE_HEAD:
-        return None
-    count = int.from_bytes(data[2:4], "big") + int.from_bytes(data[4:6], "big")
-    crc = int.from_bytes(data[6:10], "big")
-    if len(data) != TABLE_HEAD + ROW_BYTES * count:
-        return None
-    return crc if zlib.crc32(data[:6] + bytes(4) + data[10:]) & 0xFFFFFFFF == crc else None
 
 
 def _type_key(kind):
@@ -226,5 +213,5 @@ def layout_id(crc):
     return (crc >> 16 ^ crc & 0xFFFF) or 1
 
 
-__all__ = ["Span", "Explicit", "Transfers", "transfers", "table", "table_crc", "layout_crc",
+__all__ = ["Span", "Explicit", "Transfers", "transfers", "table", "layout_crc",
            "layout_id", "method", "owned", "Elementary"]

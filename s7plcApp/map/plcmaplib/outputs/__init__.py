@@ -3,8 +3,8 @@ import os
 
 from ..problems import Place, Refused
 from ..sheets import write_bytes
-from ..transfer import layout_crc, layout_id, table, table_crc, transfers
-from . import database, display, lists, manual, scl, simulator, st, tia
+from ..transfer import layout_crc, layout_id
+from . import database, display, lists, manual, pointers, scl, simulator, st, tia
 
 MARK = "Made from the map by plcmap; edits are lost."
 
@@ -35,11 +35,9 @@ def contents(map_):
     files.update(display.displays(map_, name, xml))
     if map_.plc["wire"] in ("block", "block-modbus"):
         files.update(_plc_code(map_, name, st_, crc))
-    found = {file: text_.encode("utf-8") for file, text_ in files.items() if text_ is not None}
-    if map_.plc["wire"] == "block" and map_.plc["family"] in ("s7-classic", "tia", "none"):
-        found[name + ".ptr"] = table(map_, layout_id(crc), transfers(map_, "tx"),
-                                     transfers(map_, "rx"))
-    return found
+    if map_.on("download"):
+        files[name + ".ptr"] = pointers.table(map_, shell, crc)
+    return {file: text_.encode("utf-8") for file, text_ in files.items() if text_ is not None}
 
 
 def _plc_code(map_, name, head, crc):
@@ -53,10 +51,8 @@ def _plc_code(map_, name, head, crc):
     return {}
 
 
-def ours(path, data):
+def ours(data):
     """True when a file that is there was generated."""
-    if path.endswith(".ptr"):
-        return table_crc(data) is not None
     return MARK.encode() in data[:2000]
 
 
@@ -78,7 +74,7 @@ def generate(map_, folder, only=None):
         if os.path.exists(path):
             with open(path, "rb") as f:
                 data = f.read()
-            if not ours(path, data):
+            if not ours(data):
                 raise Refused("is there and was not made by plcmap: move it away", Place(path))
     lines, written = [], 0
     for file in sorted(files):

@@ -121,7 +121,7 @@ def station(map_, name, head, crc, substitutions):
     if plc["wire"] == "etherip":
         lines.append("drvEtherIP_define_PLC(%s, %s, %s)" % (quoted(plc["name"]), address,
                                                             plc["slot"]))
-    lines += _options(map_, crc)
+    lines += _options(map_, name, crc)
     lines.append('dbLoadRecords("$(MAPDIR=.)/%s.db", "P=%s,PLC=%s")' % (
         name, plc["prefix"], plc["name"]))
     if substitutions:
@@ -141,7 +141,7 @@ def _modbus(map_, address, who, sizes):
     return lines
 
 
-def _options(map_, crc):
+def _options(map_, name, crc):
     plc, lines = map_.plc, []
 
     def option(key, value):
@@ -149,7 +149,10 @@ def _options(map_, crc):
 
     if map_.on("sync"):
         option("sync", "on")
-    if map_.on("sync") or map_.number("layout_at") is not None:
+    if map_.on("download"):
+        option("map", "download")
+        lines.append('s7plcTables(%s, "$(MAPDIR=.)/%s.ptr")' % (quoted(plc["name"]), name))
+    elif map_.on("sync") or map_.number("layout_at") is not None:
         option("layout", layout_id(crc))
     if map_.number("layout_at") is not None:
         option("layoutAt", plc["layout_at"])

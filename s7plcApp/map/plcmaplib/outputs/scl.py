@@ -15,7 +15,8 @@ FROM_BITS = {"INT": "WORD_TO_INT", "DINT": "DWORD_TO_DINT", "REAL": "DWORD_TO_RE
 
 HEAD = Template("""$head
 // STEP 7 classic SCL. Give these symbols their numbers: IE_TX DB$tx_db, IE_RX DB$rx_db,
-// DB_TX_PTRS DB$tx_ptrs, DB_RX_PTRS DB$rx_ptrs, IE_ACC DB$acc_db. Call IE_COMMS in each cycle.
+// DB_TX_PTRS DB$tx_ptrs, DB_RX_PTRS DB$rx_ptrs, IE_ACC DB$acc_db, IE_HELD DB$held_db. Call IE_COMMS
+// in each cycle.
 
 TYPE AnyPoint                       // the fields of an ANY pointer
 STRUCT
@@ -54,9 +55,10 @@ VAR_INPUT
     BLOCK : INT;                    // number of the DB: $rx_db = IE_RX, $acc_db = IE_ACC
 END_VAR
 VAR_TEMP
-    SRC : AnyPoint;  DST : AnyPoint;
-    I : INT;  N : INT;  FROM : INT;  TO_ : INT;  AREA : DWORD;
-    OURS : BYTE;  EQUAL : BOOL;
+    SRC  : AnyPoint;
+    DST  : AnyPoint;  ANY_DST AT DST : ANY;
+    HELD : AnyPoint;  ANY_HELD AT HELD : ANY;
+    I : INT;  N : INT;  FROM : INT;  ERR : INT;  EQUAL : BOOL;
 END_VAR
 BEGIN
     EQUAL := TRUE;
@@ -64,19 +66,18 @@ BEGIN
         SRC := DB_RX_PTRS.P[I].SRC;
         DST := DB_RX_PTRS.P[I].DST;
         IF SRC.SyntaxID = B#16#00 THEN EXIT; END_IF;
-        FROM := DINT_TO_INT(DWORD_TO_DINT(SHR(IN := SRC.BitPointer AND DW#16#00FFFFFF, N := 3)));
-        TO_  := DINT_TO_INT(DWORD_TO_DINT(SHR(IN := DST.BitPointer AND DW#16#00FFFFFF, N := 3)));
-        AREA := SHR(IN := DST.BitPointer, N := 24);
-        FOR N := 0 TO SRC.Count - 1 DO
-            IF AREA = DW#16#84 THEN
-                OURS := WORD_TO_BLOCK_DB(INT_TO_WORD(DST.DBNumber)).DB[TO_ + N];
-            ELSE
-                OURS := MB[TO_ + N];
-            END_IF;
-            IF WORD_TO_BLOCK_DB(INT_TO_WORD(BLOCK)).DB[FROM + N] <> OURS THEN
-                EQUAL := FALSE;
-            END_IF;
-        END_FOR;
+        HELD := SRC;                // what the PLC holds, to the place that it has in IE_RX
+        HELD.DBNumber := $held_db;
+        ERR := BLKMOV(SRCBLK := ANY_DST, DSTBLK := ANY_HELD);
+        IF ERR = 0 THEN             // else UNPACK_RX_DB will not move it either
+            FROM := DINT_TO_INT(DWORD_TO_DINT(SHR(IN := SRC.BitPointer AND DW#16#00FFFFFF,
+                                                  N := 3)));
+            FOR N := FROM TO FROM + SRC.Count - 1 DO
+                IF WORD_TO_BLOCK_DB(INT_TO_WORD(BLOCK)).DB[N] <> IE_HELD.DB[N] THEN
+                    EQUAL := FALSE;
+                END_IF;
+            END_FOR;
+        END_IF;
     END_FOR;
 $explicit    CHECKSYNC := EQUAL;
 END_FUNCTION
@@ -109,7 +110,7 @@ VAR
     COUNTER  : INT;
 END_VAR
 VAR_TEMP
-    NDR : BOOL;  ERROR : BOOL;  DONE : BOOL;  LEN : INT;  ERR : INT;
+    NDR : BOOL;  ERROR : BOOL;  DONE : BOOL;  GOT : INT;  ERR : INT;
     THEIRS : WORD;  OTHER : BOOL;
 END_VAR
 BEGIN
@@ -122,10 +123,10 @@ $receive
     TX_PAUSE(IN := NOT SENDING, PT := PERIOD);
     IF TX_PAUSE.Q AND CONNECTED THEN
 $header        SENDING := TRUE;
-        $send(ACT := TRUE, ID := ID, LADDR := LADDR, SEND := P#DB$tx_db.DBX0.0 BYTE $in_size,
+        $send(ACT := TRUE, ID := ID, LADDR := LADDR, SEND := IE_TX.Block,
                 LEN := $in_size, DONE := DONE, ERROR := ERROR, STATUS := TX_STAT);
     ELSIF SENDING THEN
-        $send(ACT := FALSE, ID := ID, LADDR := LADDR, SEND := P#DB$tx_db.DBX0.0 BYTE $in_size,
+        $send(ACT := FALSE, ID := ID, LADDR := LADDR, SEND := IE_TX.Block,
                 LEN := $in_size, DONE := DONE, ERROR := ERROR, STATUS := TX_STAT);
         IF DONE OR ERROR THEN SENDING := FALSE; END_IF;
     END_IF;
@@ -139,23 +140,23 @@ SYNC_RECEIVE = Template("""
     IF SYNC THEN SYNC := CHECKSYNC(BLOCK := $acc_db); END_IF;
 
     // 4: a block has come
-    $recv(ID := ID, LADDR := LADDR, RECV := P#DB$rx_db.DBX0.0 BYTE $out_size,
-            NDR := NDR, ERROR := ERROR, STATUS := RX_STAT, LEN := LEN);
+    $recv(ID := ID, LADDR := LADDR, RECV := IE_RX.Block,
+            NDR := NDR, ERROR := ERROR, STATUS := RX_STAT, LEN := GOT);
     RX_WATCH(IN := CONNECTED AND NOT NDR, PT := WATCHDOG);
     IF NDR THEN
-        THEIRS := IE_RX.Layout;
+        THEIRS := IE_RX.Block.Layout;
         OTHER := (LAYOUT <> W#16#0) AND (THEIRS <> W#16#0) AND (THEIRS <> LAYOUT);
         IF OTHER THEN
             SYNC := FALSE;
-        ELSIF (IE_RX.Flags AND B#16#01) <> B#16#00 AND REMOTE THEN
+        ELSIF (IE_RX.Block.Flags AND B#16#01) <> B#16#00 AND REMOTE THEN
             SYNC := CHECKSYNC(BLOCK := $rx_db);
             IF SYNC THEN
-                ERR := BLKMOV(SRCBLK := IE_RX, DSTBLK := IE_ACC);
+                ERR := BLKMOV(SRCBLK := IE_RX.Block, DSTBLK := IE_ACC.Block);
                 TIMEOUT := FALSE;
             END_IF;
-        ELSIF (IE_RX.Flags AND B#16#02) <> B#16#00 AND SYNC THEN
+        ELSIF (IE_RX.Block.Flags AND B#16#02) <> B#16#00 AND SYNC THEN
             PTR_ERR := UNPACK_RX_DB();
-            ERR := BLKMOV(SRCBLK := IE_RX, DSTBLK := IE_ACC);
+            ERR := BLKMOV(SRCBLK := IE_RX.Block, DSTBLK := IE_ACC.Block);
         END_IF;
     END_IF;
 
@@ -168,8 +169,8 @@ SYNC_RECEIVE = Template("""
 
 PLAIN_RECEIVE = Template("""
     // 4: a block has come
-    $recv(ID := ID, LADDR := LADDR, RECV := P#DB$rx_db.DBX0.0 BYTE $out_size,
-            NDR := NDR, ERROR := ERROR, STATUS := RX_STAT, LEN := LEN);
+    $recv(ID := ID, LADDR := LADDR, RECV := IE_RX.Block,
+            NDR := NDR, ERROR := ERROR, STATUS := RX_STAT, LEN := GOT);
     RX_WATCH(IN := CONNECTED AND NOT NDR, PT := WATCHDOG);
     IF NDR AND REMOTE THEN PTR_ERR := UNPACK_RX_DB(); END_IF;
     TIMEOUT := RX_WATCH.Q;
@@ -178,12 +179,12 @@ PLAIN_RECEIVE = Template("""
 SYNC_HEADER = """        IF SYNC THEN SYNC := CHECKSYNC(BLOCK := %d); END_IF;
         PTR_ERR := PACK_TX_DB();
         COUNTER := (COUNTER + 1) MOD 256;
-        IE_TX.Flags := B#16#00;
-        IF SYNC    THEN IE_TX.Flags := IE_TX.Flags OR B#16#01; END_IF;
-        IF REMOTE  THEN IE_TX.Flags := IE_TX.Flags OR B#16#02; END_IF;
-        IF TIMEOUT THEN IE_TX.Flags := IE_TX.Flags OR B#16#04; END_IF;
-        IE_TX.Counter := INT_TO_BYTE(COUNTER);
-        IE_TX.Layout := LAYOUT;
+        IE_TX.Block.Flags := B#16#00;
+        IF SYNC    THEN IE_TX.Block.Flags := IE_TX.Block.Flags OR B#16#01; END_IF;
+        IF REMOTE  THEN IE_TX.Block.Flags := IE_TX.Block.Flags OR B#16#02; END_IF;
+        IF TIMEOUT THEN IE_TX.Block.Flags := IE_TX.Block.Flags OR B#16#04; END_IF;
+        IE_TX.Block.Counter := INT_TO_BYTE(COUNTER);
+        IE_TX.Block.Layout := LAYOUT;
 """
 
 
@@ -193,10 +194,11 @@ def _block(map_, name, side, note):
         return ""
     fields, first = "", 0
     if map_.on("sync"):
-        fields, first = "    Flags   : BYTE;  Counter : BYTE;  Layout : WORD;\n", 4
+        fields, first = "        Flags : BYTE;  Counter : BYTE;  Layout : WORD;\n", 4
     if size > first:
-        fields += "    Data    : ARRAY [%d..%d] OF BYTE;\n" % (first, size - 1)
-    return "\nDATA_BLOCK %s%s// %s\nSTRUCT\n%sEND_STRUCT\nBEGIN END_DATA_BLOCK\n" % (
+        fields += "        Data  : ARRAY [%d..%d] OF BYTE;\n" % (first, size - 1)
+    return "\nDATA_BLOCK %s%s// %s\nSTRUCT\n    Block : STRUCT\n%s    END_STRUCT;\nEND_STRUCT\n" \
+        "BEGIN END_DATA_BLOCK\n" % (
         name, " " * max(1, 25 - len(name)), note, fields)
 
 
@@ -299,7 +301,7 @@ def compare_lines(found):
 def program(map_, head, crc):
     tx, rx = transfers(map_, "tx"), transfers(map_, "rx")
     in_size, out_size = map_.block_size("tx"), map_.block_size("rx")
-    keys = {k: map_.plc[k] for k in ("tx_db", "rx_db", "tx_ptrs", "rx_ptrs", "acc_db", "period",
+    keys = {k: map_.plc[k] for k in ("tx_db", "rx_db", "tx_ptrs", "rx_ptrs", "acc_db", "held_db", "period",
                                      "watchdog")}
     keys.update(head=head, in_size=in_size, out_size=out_size, layout="%04X" % layout_id(crc),
                 send="AG_LSEND" if in_size > LONG else "AG_SEND",
@@ -310,6 +312,8 @@ def program(map_, head, crc):
     if map_.on("sync") and out_size:
         text += _block(map_, "IE_ACC", "rx", "DB%s: the setpoints last accepted"
                        % map_.plc["acc_db"])
+        text += _block(map_, "IE_HELD", "rx", "DB%s: the setpoints that the PLC holds"
+                       % map_.plc["held_db"])
     text += _table(map_, "DB_TX_PTRS", tx.spans, "tx", "DB%s: PLC memory -> IE_TX"
                    % map_.plc["tx_ptrs"])
     text += PACK.substitute(name="PACK_TX_DB", what="PLC memory -> IE_TX", table="DB_TX_PTRS",
@@ -343,8 +347,8 @@ def _comms(map_, keys, rx, out_size):
     else:
         header = "        PTR_ERR := PACK_TX_DB();\n"
         if map_.on("sync"):
-            header += "        IE_TX.Flags := B#16#00;\n        IF REMOTE THEN IE_TX.Flags := " \
+            header += "        IE_TX.Block.Flags := B#16#00;\n        IF REMOTE THEN IE_TX.Block.Flags := " \
                       "B#16#02; END_IF;\n        COUNTER := (COUNTER + 1) MOD 256;\n        " \
-                      "IE_TX.Counter := INT_TO_BYTE(COUNTER);\n        IE_TX.Layout := LAYOUT;\n"
+                      "IE_TX.Block.Counter := INT_TO_BYTE(COUNTER);\n        IE_TX.Block.Layout := LAYOUT;\n"
     return text + COMMS.substitute(keys, receive=receive.substitute(keys), header=header) + \
         "\n// In the restart block (OB100): IE_COMMS_DB.SYNC := FALSE; IE_COMMS_DB.TIMEOUT := FALSE;\n"

@@ -93,6 +93,14 @@ def _moves(map_, memory):
     return lines
 
 
+def _allowed(map_):
+    """Memory that the tables of the IOC may reach: that of the rows, no more."""
+    read = {span.memory.block() for span in transfers(map_, "tx").spans}
+    write = {span.memory.block() for span in transfers(map_, "rx").spans}
+    return ["allow %s %s" % ("write" if block in write else "read", block)
+            for block in sorted(read | write)]
+
+
 def _move(side, memory, block):
     return "%s %s -> %s" % ((side, memory, block) if side == "tx" else (side, block, memory))
 
@@ -125,6 +133,8 @@ def simulator(map_, head, crc):
     if map_.on("sync"):
         lines += ["sync      = on", "layout    = %d" % layout_id(crc),
                   "watchdog  = %s ms" % plc["watchdog"]]
+    if map_.on("download"):
+        lines.append("map       = on")
     if wire != "block":
         lines += ["modbus_port = %s" % (plc["port"] or "502" if wire == "modbus" else "502"),
                   "modbus_unit = %s" % plc["unit"]]
@@ -142,5 +152,7 @@ def simulator(map_, head, crc):
     if wire != "block" and sizes[1]:
         lines.append("modbus holding %s %d -> DB%d.0" % (plc["out_register"], sizes[1] // 2,
                                                          memory.registers))
+    if map_.on("download"):
+        lines += _allowed(map_)
     lines += _moves(map_, memory)
     return "\n".join(lines) + "\n"
