@@ -317,11 +317,11 @@ static simEipConnection *connectionOf(simClient *client, const simEipFrame *fram
         record->error = ENCAP_BAD_LENGTH;
     } else {
         eip->controller.connections.lost++;
-        record->error = ENCAP_BAD_COMMAND;
         if (eip->lostSilent) {
             eip->counts.ignored++;
             return NULL;
         }
+        record->error = ENCAP_BAD_COMMAND;
     }
     answerError(client, frame, (int)record->error);
     return NULL;

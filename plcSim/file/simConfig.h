@@ -62,7 +62,7 @@ typedef struct simConfig {
     unsigned txDb, rxDb, txPtrsDb, rxPtrsDb;
     int sync, local;
     unsigned layout;
-    int map;         /* tables of pointers that the IOC brings */
+    int map; /* tables of pointers that the IOC brings */
     unsigned mapDb, mapRows;
     int mapLocked;
     double watchdog; /* s, 0 = none */

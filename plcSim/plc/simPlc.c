@@ -15,8 +15,9 @@
 #include "simPlc.h"
 #include "simPlcFile.h"
 
-#define CHECK_PAUSE 0.005 /* s between two calls of the program that checks a new table */
-#define AREA_SIZE 256 /* bytes of I, Q and M */
+#define CHECK_PAUSE 0.005 /* s between two calls of the program that checks a new table  \
+                           */
+#define AREA_SIZE 256     /* bytes of I, Q and M */
 
 /* ---- its servers ---- */
 
