@@ -202,6 +202,35 @@ static void testFault(fault what, const manner *base)
              "not the true size", t.runs, t.excused, t.slowest, t.untrue);
 }
 
+/* A stream that slips before its rhythm is known, when each block comes at once. */
+static void testEarly(void)
+{
+    manner how = {100, 1, 1, 1};
+    unsigned good, wrong = 0, unsaid = 0, runs = 0;
+    size_t by;
+    int what;
+
+    for (good = 1; good < 10; good++)
+        for (by = 1; by < 96; by++)
+            for (what = dropsFirst; what < changesSize; what++) {
+                plc p;
+
+                begin(&p, 96, &how, by);
+                plcFramingReset(p.framing);
+                p.sent = 0;
+                p.blocks = 0;
+                sendBlocks(&p, good);
+                slip(&p, (fault)what, by);
+                runs++;
+                wrong += p.wrong;
+                unsaid += plcFramingBurst(p.framing) != 96;
+                plcFramingDestroy(p.framing);
+            }
+    testOk(runs && !wrong && !unsaid,
+           "a slip after 1 to 9 good blocks shows nothing wrong either (%u streams, %u wrong, "
+           "%u not said)", runs, wrong, unsaid);
+}
+
 /* A PLC that begins to send in pieces, up to a whole period of them, loses no block. */
 static void testBeginsPieces(void)
 {
@@ -304,7 +333,7 @@ static void testMinute(void)
 
 int framingSlipTests(void)
 {
-    return 2 * faults * 4 + 1 + 1 + 5 + 2;
+    return 2 * faults * 4 + 3 + 5 + 2;
 }
 
 void framingSlips(void)
@@ -317,6 +346,7 @@ void framingSlips(void)
     for (i = 0; i < sizeof(manners) / sizeof(manners[0]); i++)
         for (what = 0; what < faults; what++)
             testFault((fault)what, &manners[i]);
+    testEarly();
     testBeginsPieces();
     testStall();
     testGiveUp();

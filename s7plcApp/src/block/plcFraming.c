@@ -24,7 +24,8 @@
 /* Blocks after which data is taken when there was too little quiet to judge. */
 #define PATIENCE 3
 
-/* Good blocks in a row from which on a block must end where all ends that has come. */
+/* So many blocks in a row that end where all ends that has come: from then on they must. The
+ * one that makes the stream trusted is enough, when it is by its end. */
 #define KNOWN 3
 /* Times between blocks, and pauses in blocks, that are remembered; and how many it takes to
  * tell one from the other. */
@@ -48,7 +49,7 @@ struct plcFraming {
     size_t suspect;  /* burst size, when it is not blockSize */
     int hold;        /* whole blocks in the buffer are not to be shown (yet) */
     size_t held;     /* blocks that were dropped for that since one was shown */
-    unsigned known;  /* good blocks in a row */
+    unsigned known;  /* so many blocks in a row ended where all ended that had come */
     epicsUInt64 began; /* when the first bytes came */
     /* the burst that is coming in */
     epicsUInt64 last; /* time of its newest bytes, 0: none yet */
@@ -274,16 +275,20 @@ PLC_HOT static void newBurst(plcFraming *f, epicsUInt64 quiet, size_t place,
         judgeRun(f, run, aligned);
 }
 
-/* A block's end counts when the burst began with a block, or is of the first block. */
-static int trusts(const plcFraming *f)
+/* Is the stream to be trusted from now on? */
+static void trust(plcFraming *f)
 {
+    /* A block's end counts when the burst began with a block, or is of the first block. */
     int whole = f->fill % f->blockSize == 0 &&
                 (f->burst % f->blockSize == 0 || f->unaligned <= f->blockSize);
+    int patient = (f->bursts > PATIENCE && f->equal <= PATIENCE &&
+                   f->unaligned >= PATIENCE * f->blockSize) ||
+                  (f->bursts == 0 && f->unaligned >= 8 * PATIENCE * f->blockSize);
 
-    return whole ||
-           (f->bursts > PATIENCE && f->equal <= PATIENCE &&
-            f->unaligned >= PATIENCE * f->blockSize) ||
-           (f->bursts == 0 && f->unaligned >= 8 * PATIENCE * f->blockSize);
+    if (whole || patient)
+        f->verdict = plcFramingTrusted;
+    if (whole)
+        f->known = KNOWN;
 }
 
 /* What comes never pauses: no rhythm is known any more. */
@@ -291,7 +296,8 @@ static int floods(plcFraming *f, epicsUInt64 now)
 {
     if (f->burst < FLOOD * f->blockSize || now - f->burstBegan < FLOOD_NS)
         return 0;
-    f->known = f->learned = 0;
+    f->known = 0;
+    f->learned = 0;
     f->limit = 0;
     return 1;
 }
@@ -331,8 +337,8 @@ PLC_HOT void plcFramingAdd(plcFraming *f, size_t count, epicsUInt64 now)
     f->unaligned += count;
     f->fill += count;
     f->run += count;
-    if (f->verdict == plcFramingOpen && trusts(f))
-        f->verdict = plcFramingTrusted;
+    if (f->verdict == plcFramingOpen)
+        trust(f);
     if (f->verdict == plcFramingOpen && now - f->began >= DOUBT_NS &&
         f->unaligned >= 2 * f->blockSize)
         wrong(f, 0);
