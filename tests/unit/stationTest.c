@@ -905,8 +905,9 @@ static void testMany(void)
     plcStationEach(count, &visited);
     testOk(visited == N, "all are visited");
     plcStationNames(names, sizeof(names));
-    testOk(strncmp(names, "PLC000 PLC001 ", 14) == 0 && strlen(names) < sizeof(names),
-           "and named: %s", names);
+    testOk(strncmp(names, "PLC000 PLC001 ", 14) == 0 && strlen(names) < sizeof(names) &&
+               strcmp(names + strlen(names) - 3, "...") == 0,
+           "and named, with dots where there are more: %s", names);
     plcStationsStart();
     plcStationsRun();
     for (i = 0; i < N; i++)

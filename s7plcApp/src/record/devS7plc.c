@@ -54,7 +54,7 @@ int devFail(plcLinkError *error, size_t column, const char *format, ...)
 void devWarn(dbCommon *prec, const char *format, ...)
 {
     const devSupport *support = supportOf(prec);
-    char text[200];
+    char text[400];
     va_list args;
 
     va_start(args, format);
@@ -107,7 +107,7 @@ static const char *linkText(dbCommon *prec)
 
 int devFindStation(devRecord *dev, const char *name, plcLinkError *error)
 {
-    char names[80];
+    char names[200];
 
     dev->station = plcStationFind(name);
     if (dev->station)

@@ -91,6 +91,8 @@ void plcStationNames(char *text, size_t size)
         epicsSnprintf(text + used, size - used, "%s%s", used ? " " : "", s->name);
         used = strlen(text);
     }
+    if ((s || used + 1 >= size) && size > 4)
+        strcpy(text + size - 4, "..."); /* that not all of them are here must be seen */
     unlockList();
 }
 

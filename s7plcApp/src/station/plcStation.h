@@ -72,7 +72,8 @@ plcStation *plcStationFind(const char *name);
 /* Calls visit for each station, in the order of their configuration. Any thread. */
 void plcStationEach(void (*visit)(plcStation *station, void *arg), void *arg);
 
-/* Names of all stations, separated by blanks, for error messages. */
+/* Names of all stations, separated by blanks, for error messages; "..." where there is no room
+ * for more. */
 void plcStationNames(char *text, size_t size);
 
 /* Starts the threads of all stations (iocInit) / tells them that all records are there / that
