@@ -1,5 +1,5 @@
-/* plcSim: the PLC side of block TCP, for demonstrations and tests. This file reads the
- * command line, puts the parts together and ends them. docs/plcsim.md tells how to use
+/* plcSim: the PLC side of blocks, Modbus and EtherNet/IP, for demonstrations and tests.
+ * This file reads the command line, puts the parts together and ends them. docs/plcsim.md tells how to use
  * it.
  *
  * SPDX-License-Identifier: BSD-3-Clause
