@@ -1,6 +1,6 @@
 /* plcSim: the PLC side of blocks, Modbus and EtherNet/IP, for demonstrations and tests.
- * This file reads the command line, puts the parts together and ends them. docs/plcsim.md tells how to use
- * it.
+ * This file reads the command line, puts the parts together and ends them. docs/plcsim.md
+ * tells how to use it.
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */
