@@ -129,6 +129,11 @@ class Episode:
         for number in (0, 10, 11, 12, 20, 21):
             assert self.step.memory(number) == bytes(self.plc.memory(number)), self.told(
                 f"DB{number} differs")
+        self.plc.wire.connected = True
+        count = len(self.plc.wire.sent)
+        for _ in range(14):
+            self.cycle()
+        assert len(self.plc.wire.sent) > count, self.told("nothing is sent")
 
     CHANCES = {"begin": 12, "go_on": 40, "wait": 8, "fault": 8, "values": 14, "cut": 3,
                "switch": 4, "restart": 1, "pause": 2, "hmi": 4, "garbage": 3, "spoil": 1}
