@@ -8,7 +8,7 @@ ifneq ($(words $(CURDIR)),1)
   $(error EPICS cannot build in a path with a blank: "$(CURDIR)". Move the tree)
 endif
 
-.PHONY: help demo demo-redundant demo-sync demo-asyn demo-modbus demo-tables test bench
+.PHONY: help demo demo-redundant demo-sync demo-asyn demo-modbus demo-tables demo-etherip test bench
 
 HELP = "make                 build (needs EPICS_BASE, see configure/RELEASE)" \
     "make rebuild         clean, then build: after an update of the sources" \
@@ -19,6 +19,7 @@ HELP = "make                 build (needs EPICS_BASE, see configure/RELEASE)" \
     "make demo-sync       an IOC with the values of yesterday meets a plant that runs" \
     "make demo-modbus     setpoints over Modbus, acknowledged or refused" \
     "make demo-tables     a row is added to the map; the IOC brings the table to the PLC" \
+    "make demo-etherip    tags of a controller over EtherNet/IP" \
     "make demo-asyn       the same PLC as an asyn port (where ASYN is set)" \
     "make test            all tests" \
     "make bench           speed" \
@@ -44,6 +45,7 @@ else ifneq ($(filter demo demo-% test bench,$(MAKECMDGOALS)),)
   demo-asyn: ; @+$(BUILD) && exec iocBoot/iocAsyn/demo
   demo-modbus: ; @+$(BUILD) && exec iocBoot/iocModbus/demo
   demo-tables: ; @+$(BUILD) && exec iocBoot/iocTables/demo
+  demo-etherip: ; @+$(BUILD) && exec iocBoot/iocEtherIP/demo
   test: ; @+tests/run
   bench: ; @+$(BUILD) && exec tests/bench/run
 else ifneq ($(filter rebuild,$(MAKECMDGOALS)),)

@@ -513,7 +513,8 @@ int eipReadsStep(eipWorker *w, epicsUInt64 now, epicsUInt64 *next)
             for (i = 0; i < w->classCount; i++)
                 w->classes[i].due = 0;
         }
-    } else if (w->stored && now > w->published + publishMs * EIP_NS_PER_MS && !w->firstTurn) {
+    } else if (w->stored && !w->firstTurn && now > w->turnStart + publishMs * EIP_NS_PER_MS &&
+               now > w->published + publishMs * EIP_NS_PER_MS) {
         publish(w, now);
     }
     return 1;
