@@ -7,8 +7,12 @@
 #include <aaoRecord.h>
 #include <alarm.h>
 #include <cantProceed.h>
+#include <dbAccess.h>
 #include <dbScan.h>
+#include <dbStaticLib.h>
 #include <epicsStdio.h>
+#include <epicsStdlib.h>
+#include <epicsString.h>
 #include <errlog.h>
 #include <lsiRecord.h>
 #include <lsoRecord.h>
@@ -36,13 +40,40 @@ static const devSupport *supportOf(const dbCommon *prec)
     return (const devSupport *)prec->dset;
 }
 
+/* The period of a SCAN in seconds, from its text: ".5 second", "10 Hz"; 0: it has none. Base
+ * itself knows it only when records are initialised. */
+static double scanSeconds(int scan)
+{
+    static const struct {
+        const char *unit;
+        double seconds;
+    } units[] = {{"second", 1}, {"minute", 60}, {"hour", 3600}};
+    const dbMenu *menu = dbFindMenu(pdbbase, "menuScan");
+    const char *text;
+    double number;
+    char *unit;
+    size_t i;
+
+    if (!menu || scan < SCAN_1ST_PERIODIC || scan >= menu->nChoice)
+        return 0;
+    text = menu->papChoiceValue[scan];
+    number = epicsStrtod(text, &unit);
+    unit += strspn(unit, " ");
+    if (!(number > 0))
+        return 0;
+    for (i = 0; i < sizeof(units) / sizeof(units[0]); i++)
+        if (epicsStrnCaseCmp(unit, units[i].unit, strlen(units[i].unit)) == 0)
+            return number * units[i].seconds;
+    return epicsStrnCaseCmp(unit, "H", 1) == 0 ? 1 / number : number;
+}
+
 /* S wins, then a periodic SCAN, then the default. */
 static unsigned periodOf(dbCommon *prec, const eipLink *link)
 {
     double seconds = link->period;
 
-    if (!(seconds > 0) && prec->scan >= SCAN_1ST_PERIODIC)
-        seconds = scanPeriod(prec->scan);
+    if (!(seconds > 0))
+        seconds = scanSeconds(prec->scan);
     if (!(seconds > 0))
         seconds = drvEtherIP_default_rate;
     if (!(seconds > 0)) {

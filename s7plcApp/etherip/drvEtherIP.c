@@ -376,12 +376,13 @@ static void initCall(const iocshArgBuf *args)
 
 static void defineCall(const iocshArgBuf *args)
 {
-    defineText(args[0].sval, args[1].sval, args[2].sval);
+    iocshSetError(defineText(args[0].sval, args[1].sval, args[2].sval));
 }
 
 static void configureCall(const iocshArgBuf *args)
 {
-    define("etheripConfigure", args[0].sval, args[1].sval, args[2].sval, args[3].sval);
+    iocshSetError(define("etheripConfigure", args[0].sval, args[1].sval, args[2].sval,
+                         args[3].sval));
 }
 
 static void rateCall(const iocshArgBuf *args)
@@ -409,7 +410,7 @@ static void imageCall(const iocshArgBuf *args)
     if (args[0].ival >= 64 && args[0].ival <= imageSizeMax)
         EIP_image_size = (unsigned)args[0].ival;
     else
-        complain("drvEtherIP_image_size", "allowed: 64 to 16777216 bytes");
+        iocshSetError(complain("drvEtherIP_image_size", "allowed: 64 to 16777216 bytes"));
 }
 
 static void reportCall(const iocshArgBuf *args)
@@ -425,7 +426,7 @@ static void dumpCall(const iocshArgBuf *args)
 
 static void listCall(const iocshArgBuf *args)
 {
-    drvEtherIP_list(args[0].sval, args[1].sval);
+    iocshSetError(drvEtherIP_list(args[0].sval, args[1].sval));
 }
 
 /* As ether_ip has it, the type alone: of all PLCs. */
@@ -435,9 +436,9 @@ static void describeCall(const iocshArgBuf *args)
     epicsInt32 type;
 
     if (!text || epicsParseInt32(text, &type, 0, NULL) || type < 0 || type > 4095)
-        complain("drvEtherIP_describe", "needs [PLC,] type; allowed: 1 to 4095");
+        iocshSetError(complain("drvEtherIP_describe", "needs [PLC,] type; allowed: 1 to 4095"));
     else
-        drvEtherIP_describe(args[1].sval ? args[0].sval : NULL, type);
+        iocshSetError(drvEtherIP_describe(args[1].sval ? args[0].sval : NULL, type));
 }
 
 static void resetCall(const iocshArgBuf *args)
@@ -460,7 +461,8 @@ static void helpCall(const iocshArgBuf *args)
 
 static void readCall(const iocshArgBuf *args)
 {
-    drvEtherIP_read_tag(args[0].sval, args[1].ival, args[2].sval, args[3].ival, args[4].ival);
+    iocshSetError(drvEtherIP_read_tag(args[0].sval, args[1].ival, args[2].sval, args[3].ival,
+                                      args[4].ival));
 }
 
 #ifdef IOCSHFUNCDEF_HAS_USAGE

@@ -1,5 +1,6 @@
 """DTYP "EtherIP": an IOC with nothing but ether_ip.dbd, and plcSim as its controller."""
 import itertools
+import os
 import re
 import subprocess
 
@@ -537,3 +538,28 @@ def test_plctag_writes(plant):
     assert tag("list", "[DR]").split() == ["D", "DINT[4]", "R", "REAL"] or tag("list", "R")
     assert "1756-L83E" in tag("identify")
     assert tag("read", "a[", status=1)
+
+
+# --- The demonstration --------------------------------------------------------------------
+
+def test_demo():
+    """make demo-etherip shows tags, a put, a missing tag, and ends by itself"""
+    env = {k: v for k, v in os.environ.items() if not k.startswith("EPICS_C")}
+    run = subprocess.run([str(TOP / "iocBoot/iocEtherIP/demo")], stdin=subprocess.DEVNULL, env=env,
+                         capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert run.stdout.endswith("demo ok\n"), run.stdout
+    requests = re.search(r"Requests per second for all of it +([\d.]+)", run.stdout)
+    assert 5 < float(requests.group(1)) < 13
+
+
+def test_scan_period(plant):
+    """Without S the period is that of SCAN, else drvEtherIP_default_rate"""
+    plant.tags(*(f"tag T{n} DINT" for n in range(4)))
+    plant.records(rec("longin", "t0", "T0", "SCAN=.1 second"), rec("longin", "t1", "T1", "SCAN=5 second"),
+                  rec("longin", "t2", "T2"), rec("longin", "t3", "T3 S 0.3", "SCAN=5 second"),
+                  before="drvEtherIP_default_rate(0.7)")
+    until(lambda: "T3 " in plant.ioc.command("drvEtherIP_dump"))
+    until(lambda: plant.ioc.command("drvEtherIP_dump").count("every") == 4)
+    dump = plant.ioc.command("drvEtherIP_dump")
+    assert re.findall(r"every ([\d.]+) s", dump) == ["0.1", "5", "0.7", "0.3"]

@@ -11,7 +11,7 @@ from client import ARCH, TOP
 from ioc import Ioc
 
 FILES = [TOP / "README.md", *sorted((TOP / "docs").glob("*.md"))]
-OURS = re.compile(r"^(s7plc|phoenixplc|modbusplc|drvAsyn)\w*", re.MULTILINE)
+OURS = re.compile(r"^(s7plc|phoenixplc|modbusplc|drvAsyn|drvEtherIP_|etheripC)\w*", re.MULTILINE)
 # Blocks that show a syntax, or what is printed: nothing to run.
 SHOWN = re.compile(r"PLCname|^s7plc \w+: |^s7plcAsyn \w+ |modbusInterposeConfig", re.MULTILINE)
 
@@ -71,9 +71,11 @@ def test_database(run, text):
     ports = set(re.findall(r"@asyn\(([\w-]+)", text))
     if ports and not (TOP / "bin" / ARCH / "s7plcAsynIoc").exists():
         pytest.skip("s7plcAsyn is not built: ASYN is not set in configure/RELEASE.local")
+    controllers = set(re.findall(r'"EtherIP"\)\s*field\(\w+, +"@([\w-]+) ', text))
     names = set(re.findall(r'"@([\w-]+)[/"]', text)) | {"PLC-of-" + port for port in ports}
     (run.folder / "my.db").write_text(text)
-    lines = configures(names)
+    lines = configures(names) + "".join(f"drvEtherIP_define_PLC {name}, 127.0.0.1:1, 0\n"
+                                        for name in sorted(controllers))
     lines += "".join(f"drvAsynS7plcConfigure {port}, PLC-of-{port}\n" for port in ports)
     log = run(lines + 'dbLoadRecords "my.db", "P=MY:"\niocInit',
               "s7plcAsynIoc" if ports else "s7plcIoc")
@@ -89,7 +91,7 @@ def is_commands(text):
 
 def command_of(line):
     """The command of a line, without the words of explanation beside it; None: there is none."""
-    found = re.match(r"((?:s7plc|phoenixplc|modbusplc|drvAsyn)\w*|iocInit|dbLoad\w+)(.*)", line)
+    found = re.match(r"((?:s7plc|phoenixplc|modbusplc|drvAsyn|drvEtherIP_|EIP_|etherip)\w*|iocInit|dbLoad\w+)(.*)", line)
     if not found:
         return None
     name, rest = found.groups()
