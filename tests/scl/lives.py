@@ -87,6 +87,42 @@ def both_tables(both):
                 agree(both)
 
 
+def sizes(both):
+    """The blocks are as long as both sides expect."""
+    assert {n: len(both.plc.memory(n)) for n in (1, 2, 5, 6, 20, 21, 22)} == {
+        1: 48, 2: 32, 5: 32, 6: 32, 20: 650, 21: 650, 22: 32}
+
+
+def pieces(both):
+    """Parts of any length make a table; one that ends a byte too late is too long."""
+    both.tables.add(crc_of(OTHER))
+    for session, piece in enumerate((1, 19, 20), 2):
+        assert load(both, OTHER, session, piece=piece)[3] == crc_of(OTHER)
+        load(both, GOOD, session + 10)
+    long = table(1, [tx(10, 0, 1, 16)] * 33, [])
+    assert load(both, long, 99, piece=7)[:2] == (REFUSED, 28)
+    assert both.plc.status()[4] == 644
+
+
+def layouts(both):
+    """Two layout ids that differ end SYNC and nothing is taken; 0 on either side is any."""
+    for layout in (0x1201, 1, 0):
+        data = table(layout, [tx(10, 0, 12, 16)], [rx(4, 10, 0, 12)])
+        both.tables.add(crc_of(data))
+        load(both, data, 3)
+        before = bytes(both.plc.memory(10))
+        for theirs in (0x1202, 1, 2, 0x1201, 0):
+            agree(both)
+            both.cycle(tables.block(CHECK, theirs, before))
+            fits = not layout or not theirs or theirs == layout
+            assert both.plc.sync == fits, both.told(f"{layout} {theirs}")
+            both.cycle(tables.block(DATA, theirs, before[::-1]))
+            assert (bytes(both.plc.memory(10)) != before) == fits
+            both.plc.memory(10)[:] = before
+            both.step.put(10, 0, before)
+            both.cycle()
+
+
 def commands(both):
     """Each command that comes at the wrong time, and with wrong numbers, has its error."""
     head = GOOD[:20]
@@ -224,7 +260,7 @@ def table_and_data(both):
     assert not both.plc.sync and bytes(both.plc.memory(10)) == before
 
 
-ALL = (edges, both_tables, commands, aborts, quiet, times, restarts, errors_of_pointers,
+ALL = (sizes, pieces, layouts, edges, both_tables, commands, aborts, quiet, times, restarts, errors_of_pointers,
        table_and_data)
 
 
