@@ -762,7 +762,8 @@ static void testHere(void)
     numSequence = 0;
     testdbPutFieldOk("own:1.PRIO", DBR_STRING, "HIGH");
     waitPasses(&own, passes + 2);
-    testOk(numSequence == 1 && processedBy != self, "a record that joins is processed in a callback thread");
+    testOk(numSequence == 1 && processedBy != self,
+           "a record that joins is processed in a callback thread");
     numSequence = 0;
     plcScanRequestAll(own.scan);
     testOk(waitPasses(&own, passes + 3) && processedBy != self,

@@ -70,10 +70,10 @@ typedef struct newcomers {
 
 /* What is next in a pass, for one priority. */
 typedef struct cursor {
-    size_t newcomer; /* number of the newcomer; after them */
-    size_t group;   /* number of the group in the pass, */
-    group *inside;  /* the group itself */
-    unsigned index; /* and number of the record among those of this priority in it */
+    size_t newcomer; /* number of the newcomer; they come first */
+    size_t group;    /* number of the group in the pass, */
+    group *inside;   /* the group itself, */
+    unsigned index;  /* and number of the record among those of this priority in it */
 } cursor;
 
 /* One step of a pass: a record, or a list of Base's. */
