@@ -214,6 +214,98 @@ def times(both):
     assert not get("IE_COMMS_DB.SENDING")
 
 
+def local(both):
+    """LOCAL ends SYNC at once; nothing is taken, no check is answered, no table begun."""
+    shown, layout = agree(both)
+    before = bytes(both.plc.memory(10))
+    both.plc.remote = False
+    both.cycle(tables.block(DATA, layout, bytes(28)))
+    assert not both.plc.sync and bytes(both.plc.memory(10)) == before
+    agree(both)
+    assert not both.plc.sync
+    both.cycle(tables.command(tables.BEGIN, 9))
+    assert both.plc.status()[:2] == (REFUSED, 27)
+    both.plc.remote = True
+    both.cycle(tables.command(tables.BEGIN, 10))
+    both.plc.remote = False
+    both.cycle()
+    assert both.plc.status()[:2] == (ACTIVE, 27)
+    both.plc.remote = True
+    agree(both)
+    assert both.plc.sync
+
+
+def watchdog(both):
+    """TIMEOUT shows after the watchdog, and until the next SYNC."""
+    agree(both)
+    both.cycle()
+    both.cycle(ms=3010)
+    for _ in range(13):
+        both.cycle()
+    assert both.plc.wire.sent[-1][0] == tables.MAP | tables.REMOTE | tables.TIMEOUT
+    agree(both)
+    for _ in range(13):
+        both.cycle()
+    assert both.plc.wire.sent[-1][0] == tables.MAP | tables.REMOTE | tables.SYNC
+
+
+def hmi_while_sending(both):
+    """A setpoint moved in the cycle that sends: the block does not say SYNC."""
+    agree(both)
+    sent, stamps = both.plc.wire.sent, []
+    while len(stamps) < 2:
+        count = len(sent)
+        both.cycle()
+        if len(sent) > count:
+            stamps.append(both.now)
+    for _ in range((stamps[1] - stamps[0]) // 10 - 1):
+        both.cycle()
+    plc, space = both.plc, both.plc.machine.namespace
+
+    def moves(number, plain=space["f_CHECKSYNC"]):
+        value = plain(number)
+        plc.memory(10)[2] ^= 1          # behind the comparison of step 3
+        return value
+    space["f_CHECKSYNC"] = moves
+    block = plc.cycle()
+    assert block and block[0] & tables.SYNC == 0
+
+
+def connection(both):
+    """The end of a connection ends SYNC and a SEND under way; so does a new one."""
+    agree(both)
+    both.plc.wire.connected = False
+    both.cycle()
+    assert not both.plc.sync
+    put, get = both.plc.machine.put, both.plc.machine.get
+    put("IE_COMMS_DB.SYNC", True)
+    put("IE_COMMS_DB.SENDING", True)
+    put("IE_COMMS_DB.TX_PAUSE.STATE", 0)
+    both.plc.wire.connected = both.plc.wire.stuck = both.plc.wire.pending = True
+    both.plc.cycle()
+    assert not both.plc.sync and not get("IE_COMMS_DB.SENDING")
+
+
+def spoilt_head(both):
+    """Numbers of rows that change in the table in use: there is none, and nothing moves."""
+    both.tables.update((crc_of(GOOD), 0))
+    for byte in (2, 3, 4, 5):
+        for value in (0x7f, 0xff, 0x21):
+            if byte in (3, 5) and value == 0x21:
+                continue
+            both.plc.machine.cold()
+            both.restart(quiet=True)
+            load(both, GOOD)
+            saved = {n: bytes(both.plc.memory(n)) for n in (0, 10, 11, 12)}
+            agree(both)
+            active = int.from_bytes(both.plc.memory(22)[12:14], "big")
+            both.plc.memory(active)[byte] = value
+            both.plc.cycle()
+            both.plc.cycle()
+            assert both.plc.status()[0] == tables.NONE, (byte, value)
+            assert saved == {n: bytes(both.plc.memory(n)) for n in saved}
+
+
 def restarts(both):
     """OB100: no SYNC, no TIMEOUT, the loader at rest, the table as it was."""
     agree(both)
@@ -260,7 +352,8 @@ def table_and_data(both):
     assert not both.plc.sync and bytes(both.plc.memory(10)) == before
 
 
-ALL = (sizes, pieces, layouts, edges, both_tables, commands, aborts, quiet, times, restarts, errors_of_pointers,
+ALL = (sizes, pieces, layouts, local, watchdog, hmi_while_sending, connection, spoilt_head,
+       edges, both_tables, commands, aborts, quiet, times, restarts, errors_of_pointers,
        table_and_data)
 
 

@@ -391,9 +391,10 @@ def status(plc):
     assert plc.machine.get("IE_COMMS_DB.TX_STAT") == 0
 
 
-ALL = (sizes, sends, agrees, disagrees, takes, ignores, hmi_in_time, local, local_at_once, connection,
-       layouts, watchdog, watchdog_rests, busy, send_fails, hmi_while_sending, bad_pointer,
-       bad_pointer_in, row_beyond, sixteen, one_row, flags_area, far_address, status, counts)
+ALL = (sizes, sends, agrees, disagrees, takes, ignores, hmi_in_time, local, local_at_once,
+       connection, layouts, watchdog, watchdog_rests, busy, send_fails, hmi_while_sending,
+       bad_pointer, bad_pointer_in, row_beyond, sixteen, one_row, flags_area, far_address,
+       status, counts)
 
 INSTANCE = "DATA_BLOCK IE_COMMS_DB IE_COMMS     // DB31\nBEGIN END_DATA_BLOCK\n"
 

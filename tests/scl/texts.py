@@ -66,6 +66,8 @@ def fitted_tables(text, in_size, out_size, rows, allows, tx=()):
         ("[0..31] OF STRUCT", f"[0..{rows - 1}] OF STRUCT", 2),
         ("ROWSTX <= 32 AND ROWSRX <= 32", f"ROWSTX <= {rows} AND ROWSRX <= {rows}", 1),
         ("ROWSTX > 32 OR ROWSRX > 32", f"ROWSTX > {rows} OR ROWSRX > {rows}", 1),
+        ("IF ROWS > 32 THEN", f"IF ROWS > {rows} THEN", 1),
+        ("FIRST > 32 OR ROWS > 32", f"FIRST > {rows} OR ROWS > {rows}", 2),
         ("> 650", f"> {10 + 20 * rows}", 2),
         ("MAP.Status.Rows := B#16#4;", f"MAP.Status.Rows := B#16#{rows // 8:X};", 1),
         ("    // IE_TX.DD44 := DB11.DD12;\n", "".join(f"    {t};\n" for t in tx), 1)]
@@ -83,3 +85,18 @@ def allowed(allows):
         lines.append(f"    IF NUMBER = {number}{right} AND START >= {first} AND START <= "
                      f"{first + size} - COUNT THEN MAP_ALLOWED := TRUE; END_IF;")
     return "\n".join(lines) + "\n"
+
+
+def with_tsend(text):
+    """plc-tables.scl with TSEND and TRCV, as docs/plc-tables.md says."""
+    var, receive, send = re.findall(r"```pascal\n(.*?)```", (DOCS / "plc-tables.md").read_text(),
+                                    re.S)
+    text = replace(text, "    SENDING   : BOOL;\n", "    SENDING   : BOOL;\n" + var, 1)
+    text = cut_out(text, "    AG_RECV(ID", "    RX_WATCH(", receive)
+    text = cut_out(text, "        AG_SEND(ACT := TRUE", "    ELSIF SENDING THEN", "")
+    return cut_out(text, "    ELSIF SENDING THEN", "    TX_WATCH(", send)
+
+
+def cut_out(text, begin, end, new):
+    at = text.index(begin)
+    return text[:at] + new + text[text.index(end, at):]
