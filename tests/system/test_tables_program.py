@@ -407,3 +407,25 @@ def test_generated(tmp_path, name):
           + [f"db {number} {size}" for number, size in dbs.items()]
           + [" ".join(words) for words in lines if words[:1] in (["tx"], ["rx"])]
           + ["begin 0 3000"], (int(keys["in"]), int(keys["out"])), int(keys["layout"]), dbs)
+
+
+def test_map_of_tables(tmp_path):
+    """plcmap check, download=on: what no row can move is an error; else .ptr, .cmd and .plc fit"""
+    folder = tmp_path / "map"
+    folder.mkdir()
+    (folder / "plc.csv").write_text(KEYS.replace("readback,0", "download,on\nreadback,12"))
+    rows = MAPS["pointers"].replace("out,4,4", "out,16,4").replace("out,8,8", "out,20,8").replace(
+        "out,12,12", "out,24,12").replace("in,24", "in,40").replace("in,28", "in,44")
+    run = [str(plcmap()), "generate", str(folder), "-o", str(tmp_path)]
+    (folder / "map.csv").write_text(
+        rows + "T.Door,DB11.DBX0.7,BOOL,in,70.2,,,Door\nT.Raw,I4.0,BYTE,in,71,,,Raw\n")
+    refused = subprocess.run(run, capture_output=True, text=True)
+    for symbol in ("T.Door", "T.Raw"):
+        assert f"{symbol} would need a line in the PLC's program" in refused.stdout + refused.stderr
+    (folder / "map.csv").write_text(rows)
+    subprocess.run(run, check=True, capture_output=True)
+    assert "rx 4 -> P#DB10.DBX0.0 BYTE 6  T.Temp T.Speed" in (
+        tmp_path / "map.ptr").read_text()
+    assert 's7plcTables("PLC", "$(MAPDIR=.)/map.ptr")' in (tmp_path / "map.cmd").read_text()
+    plc = (tmp_path / "map.plc").read_text()
+    assert "map       = on" in plc and "allow write DB10\nallow read DB11\n" in plc

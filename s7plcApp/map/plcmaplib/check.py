@@ -264,7 +264,10 @@ def _check_via(map_):
         for leaf in leaves:
             item = leaf.owner
             way = method(map_, leaf, side, bits)
-            if item.via == "ptr" and (leaf.address is None or not leaf.address.area):
+            if map_.on("download") and not item.via == "ptr" and not _in_table(leaf, way):
+                _error(map_, item, "via", "download=on: %s would need a line in the PLC's program; "
+                       "allowed: whole bytes of a DB or of M, by ptr" % leaf.symbol)
+            elif item.via == "ptr" and (leaf.address is None or not leaf.address.area):
                 _error(map_, item, "via", "a pointer needs an address such as DB10.DBW4 in column "
                        "plc, not a symbol" if leaf.address is not None else
                        "a pointer needs an address in column plc")
@@ -282,6 +285,11 @@ def _check_via(map_):
                     map_.plc["family"] in ("s7-classic", "tia"):
                 _error(map_, item, "plc", "%s needs an address such as DB10.DBB4, not the symbol %s"
                        % (leaf.type, leaf.address.symbol))
+
+
+def _in_table(leaf, way):
+    """The table that the IOC brings moves it."""
+    return way == "ptr" and leaf.address.area in ("DB", "M")
 
 
 def _check_bit_pointer(map_, item, side, bits, leaf):
