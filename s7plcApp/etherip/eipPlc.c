@@ -5,6 +5,7 @@
 
 #include <cantProceed.h>
 #include <dbDefs.h>
+#include <epicsAtomic.h>
 #include <epicsMutex.h>
 #include <epicsStdio.h>
 #include <epicsThread.h>
@@ -56,12 +57,19 @@ void eipPlcEach(void (*visit)(eipPlc *plc, void *arg), void *arg)
         visit(plc, arg);
 }
 
+/* A link that changes costs a wake-up; many of them, as when an IOC ends, cost one list. */
 void eipPlcWantsChanged(eipPlc *plc)
+{
+    if (epicsAtomicGetIntT(&plc->begun))
+        plc->wake(plc->wakeArg);
+}
+
+static void tellWants(eipPlc *plc)
 {
     eipWant *wants;
     unsigned count;
 
-    if (plc->begun && eipPlacesWants(plc->places, 0, &wants, &count))
+    if (eipPlacesWants(plc->places, 0, &wants, &count))
         eipWorkerWant(plc->worker, wants, count);
 }
 
@@ -72,6 +80,8 @@ static void *create(const plcTransportSetup *setup, const void *own)
     eipPlc *plc = *(eipPlc *const *)own;
 
     plc->worker = eipWorkerCreate(setup, &plc->connect);
+    plc->wake = setup->wake;
+    plc->wakeArg = setup->arg;
     return plc;
 }
 
@@ -122,8 +132,8 @@ static void up(void *pvt, SOCKET socket, const epicsUInt8 *wholeIn, const epicsU
     eipPlc *plc = pvt;
 
     (void)wholeIn, (void)wholeOut; /* a worker that knows tags knows what is whole */
-    plc->begun = 1;
-    eipPlcWantsChanged(plc);
+    epicsAtomicSetIntT(&plc->begun, 1);
+    tellWants(plc);
     eipWorkerStart(plc->worker, socket);
 }
 
@@ -134,7 +144,11 @@ static void down(void *pvt)
 
 static int news(void *pvt, plcNews *n, void *input, void *output)
 {
-    return eipWorkerTake(((eipPlc *)pvt)->worker, n, input, output);
+    eipPlc *plc = pvt;
+
+    if (epicsAtomicGetIntT(&plc->begun))
+        tellWants(plc);
+    return eipWorkerTake(plc->worker, n, input, output);
 }
 
 static void put(void *pvt, const void *image, const void *mask)

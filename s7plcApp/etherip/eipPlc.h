@@ -18,7 +18,9 @@ typedef struct eipPlc {
     eipPlaces *places;
     eipWorker *worker;   /* once there is a station */
     plcStation *station;
-    int begun;           /* its records are all there: changes are told at once */
+    void (*wake)(void *arg); /* the station */
+    void *wakeArg;
+    int begun;           /* atomic: its records are all there; changes are told */
 } eipPlc;
 
 extern const plcTransport eipTransport; /* transportOwn is a pointer to an eipPlc */
@@ -43,7 +45,7 @@ typedef struct eipPlcSetup {
 eipPlc *eipPlcCreate(const char *command, const char *name, const char *host,
                      const eipPlcSetup *setup);
 
-/* What is wanted has changed: the worker is told, if it is there. */
+/* What is wanted has changed: the station's thread tells the worker soon. Any thread. */
 void eipPlcWantsChanged(eipPlc *plc);
 
 #endif /* INC_eipPlc_H */

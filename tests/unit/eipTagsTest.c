@@ -11,6 +11,8 @@
 #include <epicsUnitTest.h>
 #include <testMain.h>
 
+#include "eipLink.h"
+#include "eipPlaces.h"
 #include "eipTags.h"
 
 #define COUNT(table) (sizeof(table) / sizeof(table[0]))
@@ -754,6 +756,105 @@ static void testSet(void)
     eipTagsFree(&t);
 }
 
+/* --- Links and places --------------------------------------------------------------------- */
+
+static const struct {
+    const char *text, *tag; /* NULL: refused */
+    epicsUInt32 index;
+    int hasIndex, indexed, alone, bit, force;
+    double period;
+    eipStatistic statistic;
+} links[] = {
+    {"@plc tag",                 "tag",     0,  0, 0, 0, -1, 0, 0,    eipNoStatistic    },
+    {"plc tag",                  "tag",     0,  0, 0, 0, -1, 0, 0,    eipNoStatistic    },
+    {"@plc  tag[3]   S .5",      "tag",     3,  1, 0, 0, -1, 0, 0.5,  eipNoStatistic    },
+    {"@plc tag[010] S 1",        "tag",     8,  1, 0, 0, -1, 0, 1,    eipNoStatistic    },
+    {"@plc tag[010] E",          "tag",     10, 1, 0, 1, -1, 0, 0,    eipNoStatistic    },
+    {"@plc tag Element S 2",     "tag",     0,  0, 0, 1, -1, 0, 2,    eipNoStatistic    },
+    {"@plc tag B 7 FORCE",       "tag",     0,  0, 0, 0, 7,  1, 0,    eipNoStatistic    },
+    {"@plc a.b[2].c.31",         "a.b[2].c", 0, 0, 0, 0, 31, 0, 0,    eipNoStatistic    },
+    {"@plc a[1,2]",              "a[1]",    2,  1, 1, 0, -1, 0, 0,    eipNoStatistic    },
+    {"@plc a[1,2,3]",            "a[1,2]",  3,  1, 1, 0, -1, 0, 0,    eipNoStatistic    },
+    {"@plc tag S 10 LIST_TIME",  "tag",     0,  0, 0, 0, -1, 0, 10,   eipListTime       },
+    {"@plc tag TAG_TRANSFER_TIME", "tag",   0,  0, 0, 0, -1, 0, 0,    eipTagTransferTime},
+    {"",                         NULL,      0,  0, 0, 0, 0,  0, 0,    eipNoStatistic    },
+    {"@plc",                     NULL,      0,  0, 0, 0, 0,  0, 0,    eipNoStatistic    },
+    {"@plc tag S",               NULL,      0,  0, 0, 0, 0,  0, 0,    eipNoStatistic    },
+    {"@plc tag S x",             NULL,      0,  0, 0, 0, 0,  0, 0,    eipNoStatistic    },
+    {"@plc tag S 0",             NULL,      0,  0, 0, 0, 0,  0, 0,    eipNoStatistic    },
+    {"@plc tag S nan",           NULL,      0,  0, 0, 0, 0,  0, 0,    eipNoStatistic    },
+    {"@plc tag B -1",            NULL,      0,  0, 0, 0, 0,  0, 0,    eipNoStatistic    },
+    {"@plc tag B 64",            NULL,      0,  0, 0, 0, 0,  0, 0,    eipNoStatistic    },
+    {"@plc tag.1 B 2",           NULL,      0,  0, 0, 0, 0,  0, 0,    eipNoStatistic    },
+    {"@plc tag force",           NULL,      0,  0, 0, 0, 0,  0, 0,    eipNoStatistic    },
+    {"@plc tag[",                NULL,      0,  0, 0, 0, 0,  0, 0,    eipNoStatistic    },
+};
+
+static void testLinks(void)
+{
+    size_t i, column;
+    char error[400];
+    eipLink l;
+
+    for (i = 0; i < COUNT(links); i++) {
+        int status = eipLinkParse(links[i].text, &l, &column, error, sizeof(error));
+
+        if (!links[i].tag) {
+            testOk(status == -1 && error[0] && column <= strlen(links[i].text),
+                   "\"%s\": %s", links[i].text, error);
+            continue;
+        }
+        testOk(status == 0 && strcmp(l.plc, "plc") == 0 && strcmp(l.tag, links[i].tag) == 0 &&
+                   l.index == links[i].index && l.hasIndex == links[i].hasIndex &&
+                   l.indexed == links[i].indexed && l.alone == links[i].alone &&
+                   l.bit == links[i].bit && l.force == links[i].force &&
+                   l.period == links[i].period && l.statistic == links[i].statistic,
+               "\"%s\" is %s, element %u, bit %d, %g s", links[i].text, l.tag, l.index, l.bit,
+               l.period);
+    }
+}
+
+static void testPlaces(void)
+{
+    eipPlaces *p = eipPlacesCreate(64);
+    eipWant a = {.tag = "A", .count = 1, .kind = eipCell};
+    eipWant small = {.tag = "a", .count = 1, .kind = eipCell};
+    eipWant b = {.tag = "B", .count = 1, .kind = eipCell};
+    eipWant text = {.tag = "A", .count = 1, .kind = eipTextPlace, .room = 41};
+    eipPlace *first = eipPlacesGet(p, &a, 500, 0), *second, *third;
+    eipWant *w;
+    unsigned n, i;
+
+    testOk(first && eipPlaceOffset(first) == 0 && eipPlaceRoom(first) == 16, "a place of 16");
+    testOk(eipPlacesGet(p, &small, 100, 1) == first, "the same for the same tag");
+    second = eipPlacesGet(p, &b, 1000, 1);
+    testOk(second && eipPlaceOffset(second) == 16, "another for another");
+    testOk(!eipPlacesGet(p, &text, 100, 0), "none where there is no room");
+    testOk(eipPlacesWants(p, 0, &w, &n) == 1 && n == 2 && w[0].period == 100 && !w[0].shared &&
+               w[0].fresh && w[1].period == 1000,
+           "wishes have the shortest period of those who have them");
+    for (i = 0; i < n; i++)
+        free(w[i].tag);
+    free(w);
+    testOk(eipPlacesWants(p, 0, &w, &n) == 0, "and are told once");
+    eipPlacesLeave(p, first, 100, 1);
+    eipPlacesGet(p, &b, 1000, 1);
+    testOk(eipPlacesWants(p, 0, &w, &n) == 1 && w[0].period == 500 && w[1].shared &&
+               !w[0].fresh,
+           "one has left: the period is that of the other");
+    for (i = 0; i < n; i++)
+        free(w[i].tag);
+    free(w);
+    eipPlacesLeave(p, first, 500, 0);
+    testOk(eipPlacesWants(p, 0, &w, &n) == 1 && n == 1, "nobody wants it any more");
+    for (i = 0; i < n; i++)
+        free(w[i].tag);
+    free(w);
+    third = eipPlacesGet(p, &a, 100, 0);
+    testOk(third == first && eipPlacesUsed(p) == 32, "it is its place for ever");
+    eipPlacesDestroy(p);
+}
+
 MAIN(eipTagsTest)
 {
     testPlan(0);
@@ -770,5 +871,7 @@ MAIN(eipTagsTest)
     testUnits();
     testWhole();
     testSet();
+    testLinks();
+    testPlaces();
     return testDone();
 }
