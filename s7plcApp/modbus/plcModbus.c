@@ -53,9 +53,8 @@ plcModbus *plcModbusCreate(const plcModbusSetup *setup)
     m->ownGlueOut = zeroed(setup->outSize);
     m->out = zeroed(setup->outSize);
     m->outNews = zeroed(setup->outSize);
-    m->order = zeroed(setup->outSize);
-    m->owed = zeroed(setup->outSize);
     m->leaving = zeroed(setup->outSize);
+    m->waiting = zeroed(setup->outSize);
     m->values = zeroed(setup->outSize);
     m->unsure = zeroed(setup->outSize);
     m->pieces = zeroed((most + 1) * sizeof(*m->pieces));
@@ -73,9 +72,8 @@ static void endSession(plcModbus *m)
     m->handed = INVALID_SOCKET;
     plcModbusWireCut(m->wire);
     memset(&m->news, 0, sizeof(m->news));
-    m->hasNews = m->ordered = m->writing = 0;
+    m->hasNews = m->mayWrite = 0;
     m->moreLog = 0;
-    memset(m->owed, 0, m->setup.outSize);
     memset(m->healed, 0, m->setup.inSize);
     memset(m->healing, 0, m->setup.inSize);
     m->someHealed = m->someHealing = 0;
@@ -108,9 +106,8 @@ void plcModbusDestroy(plcModbus *m)
     free(m->ownGlueOut);
     free(m->out);
     free(m->outNews);
-    free(m->order);
-    free(m->owed);
     free(m->leaving);
+    free(m->waiting);
     free(m->values);
     free(m->unsure);
     free(m->pieces);
@@ -195,19 +192,10 @@ void plcModbusStop(plcModbus *m)
     plcWakeUp(&m->wake);
 }
 
-void plcModbusWrite(plcModbus *m, const void *image, const void *mask)
+void plcModbusWrite(plcModbus *m)
 {
-    const epicsUInt8 *bits = mask;
-    size_t i, size = m->setup.outSize;
-
     epicsMutexMustLock(m->lock);
-    plcWorkerMix(m->order, image, bits, size);
-    for (i = 0; i < size; i++)
-        m->owed[i] |= bits[i];
-    if (m->news.shown)
-        plcWorkerMix(m->outNews, image, bits,
-                     size); /* what it shows is older than that */
-    m->ordered = 1;
+    m->mayWrite = 1;
     epicsMutexUnlock(m->lock);
     plcWakeUp(&m->wake);
 }
@@ -247,7 +235,6 @@ int plcModbusTake(plcModbus *m, plcNews *news, void *input, void *output)
         takeHealed(m);
     has = m->hasNews;
     *news = m->news;
-    news->idle = !m->ordered && !m->writing;
     if (m->news.blocks)
         memcpy(input, m->inNews, m->setup.inSize);
     if (m->news.shown)
@@ -274,8 +261,9 @@ static void giveUp(plcModbus *m)
 
     plcModbusWireCut(m->wire);
     if (plcWorkerEnter(m)) {
+        plcImagePutsWaiting(m->setup.out, NULL, m->waiting);
         for (i = 0; i < m->setup.outSize; i++)
-            m->leaving[i] |= m->owed[i];
+            m->leaving[i] |= m->waiting[i];
         m->news.outFaults |= plcFaultsSet(m->setup.outFaults, 0, m->setup.outSize,
                                           m->leaving, m->session.lost);
         m->news.lost = 1;

@@ -31,6 +31,7 @@ typedef struct plcModbusSetup {
     size_t inSize;          /* bytes of the input image */
     const plcRange *outputs;
     unsigned outputCount;
+    plcImage *out;          /* the output image, which keeps its puts; outSize bytes */
     size_t outSize;
     plcFaults *inFaults;    /* where refused reads are put down: the part of a range that
                              * was in the request, once it is read by itself. A fault ends
@@ -73,9 +74,9 @@ void plcModbusGlue(plcModbus *modbus, const epicsUInt8 *glueIn, const epicsUInt8
  * it comes any more, and no change of the faults. */
 void plcModbusStop(plcModbus *modbus);
 
-/* Writes the bits of `image` that are set in `mask`, both outSize bytes. Joins what was
- * ordered before and has not left; the newest value of a bit counts. */
-void plcModbusWrite(plcModbus *modbus, const void *image, const void *mask);
+/* There are puts in the output image: they leave in their order, neighbours together, and so do
+ * those that come before the last of these has left. */
+void plcModbusWrite(plcModbus *modbus);
 
 /* Fetches the news; `input` and `output` (inSize and outSize bytes) are only filled when
  * blocks or shown are not 0. Returns 0 when there is none. */

@@ -297,6 +297,79 @@ unsigned plcPlanWrites(const plcRange *ranges, unsigned count, const epicsUInt8 
     return p.made;
 }
 
+/* The range in which the bytes of a put lie, all of them; or NULL. */
+static const plcRange *rangeOf(const plcJoin *j, const plcPut *put)
+{
+    unsigned i;
+
+    for (i = 0; i < j->count; i++)
+        if (put->offset >= j->ranges[i].offset &&
+            put->offset + put->length <= j->ranges[i].offset + plcRangeBytes(&j->ranges[i]))
+            return &j->ranges[i];
+    return NULL;
+}
+
+/* The bits that a put sets, counted from the start of the range: *first to *end - 1, and
+ * whether there is a gap between. Returns 0 when there is none. */
+static int bitsOf(const plcPut *put, size_t offset, unsigned *first, unsigned *end, int *gap)
+{
+    unsigned i, count = 8 * (unsigned)put->length, base = 8 * (unsigned)(put->offset - offset);
+    unsigned set = 0;
+
+    for (i = 0; i < count; i++) {
+        if (put->mask && !(put->mask[i / 8] >> i % 8 & 1))
+            continue;
+        if (!set)
+            *first = base + i;
+        *end = base + i + 1;
+        set++;
+    }
+    *gap = set != *end - *first;
+    return set != 0;
+}
+
+/* What a put asks for: its table, which registers or coils, whether these as a whole. Returns
+ * 0 when it joins nobody. */
+static int askedFor(const plcJoin *j, const plcPut *put, plcJoin *what, unsigned *start)
+{
+    const plcRange *r = rangeOf(j, put);
+    unsigned first = 0, end = 0;
+    int gap, coils = r && r->table == plcCoils;
+
+    if (!r || !bitsOf(put, r->offset, &first, &end, &gap) ||
+        (gap && (coils || first / 16 != (end - 1) / 16)))
+        return 0;
+    what->table = r->table;
+    what->whole = coils || (!gap && first % 16 == 0 && end % 16 == 0);
+    *start = r->start + (coils ? first : first / 16);
+    what->end = r->start + (coils ? end : (end + 15) / 16);
+    what->most = tables[r->table].writeMax;
+    return 1;
+}
+
+int plcPlanJoins(void *join, const plcPut *put)
+{
+    plcJoin *j = join, what = *j;
+    unsigned start, length;
+    int joins;
+
+    if (!askedFor(j, put, &what, &start)) {
+        j->most = 0;
+        return 0;
+    }
+    length = what.end - start;
+    joins = j->most && what.table == j->table && what.whole == j->whole &&
+            (what.whole ? start == j->end && length <= j->most
+                        : length == 1 && what.end == j->end);
+    if (!joins)
+        j->most = what.most; /* of a first one; nobody asks any more else */
+    j->most = j->most > length ? j->most - length : 0;
+    j->table = what.table;
+    j->whole = what.whole;
+    j->end = what.end;
+    return joins;
+}
+
 int plcPlanHalve(const plcRange *ranges, unsigned count, const epicsUInt8 *glue,
                  const plcRequest *request, plcRequest halves[2])
 {

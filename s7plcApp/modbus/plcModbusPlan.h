@@ -11,6 +11,8 @@
 
 #include <epicsTypes.h>
 
+#include "plcPuts.h"
+
 /* Limits of one request */
 #define PLC_READ_REGISTERS 125
 #define PLC_READ_BITS 2000
@@ -63,6 +65,19 @@ unsigned plcPlanReads(const plcRange *ranges, unsigned count, const epicsUInt8 *
  * range are left out. Returns the number of requests, and a new array, to be freed. */
 unsigned plcPlanWrites(const plcRange *ranges, unsigned count, const epicsUInt8 *mask,
                        const epicsUInt8 *glue, int single, plcRequest **requests);
+
+/* May a put leave in one request with those before it? Only when it begins where they end, in
+ * the same table, whole registers after whole registers, coils after coils, or more bits of
+ * the one register; so that halves of a refused request keep the order. */
+typedef struct plcJoin {
+    const plcRange *ranges; /* as above, set by the caller; the rest is 0 at first */
+    unsigned count;
+    unsigned most;          /* registers or coils that may still join */
+    plcTable table;
+    int whole;              /* whole registers, or coils */
+    unsigned end;           /* behind the last one */
+} plcJoin;
+int plcPlanJoins(void *join, const plcPut *put);
 
 /* Halves a write that was refused, at the last place before its middle (else the first
  * behind it) that cuts no value; coils of a byte that is no part of a longer value are

@@ -68,9 +68,7 @@ struct plcModbus {
     epicsUInt8 *glueIn, *glueOut;
     int knowsIn, knowsOut;    /* glue was given */
     int glueIsNew;            /* since the session began */
-    epicsUInt8 *order, *owed; /* newest values, and which bits have not left */
-    int ordered;              /* some bits of owed are set */
-    int writing;              /* a write is under way */
+    int mayWrite; /* puts are to be taken, in this session */
     plcNews news;
     int hasNews;
     unsigned moreLog; /* lines for which there was no room */
@@ -84,6 +82,7 @@ struct plcModbus {
     session session;
     epicsUInt8 *in, *out;         /* the images as the PLC has them */
     epicsUInt8 *leaving, *values; /* bits that a plan is still to write, their values */
+    epicsUInt8 *waiting;          /* bits of all puts that have not left */
     epicsUInt8 *unsure;           /* bits under way when a connection ended */
     epicsUInt8 *ownGlueIn, *ownGlueOut;
     plcPiece *pieces;

@@ -102,10 +102,11 @@ static void checkUnsure(plcModbus *m)
 {
     size_t i;
 
+    plcImagePutsWaiting(m->setup.out, NULL, m->waiting);
     for (i = 0; i < m->setup.outSize; i++) {
         epicsUInt8 good = m->unsure[i];
 
-        good &= (epicsUInt8) ~((m->out[i] ^ m->values[i]) | m->owed[i]);
+        good &= (epicsUInt8) ~((m->out[i] ^ m->values[i]) | m->waiting[i]);
         if (!good)
             continue;
         m->unsure[i] &= (epicsUInt8)~good;
@@ -124,8 +125,8 @@ static void tellOutputs(plcModbus *m)
     if (!s->refusal[0]) {
         checkUnsure(m);
         memcpy(m->outNews, m->out, m->setup.outSize);
-        /* What is ordered is newer than what was read. */
-        plcWorkerMix(m->outNews, m->order, m->owed, m->setup.outSize);
+        /* What waits is newer than what was read. */
+        plcImagePutsWaiting(m->setup.out, m->outNews, m->waiting);
         m->news.shown = 1;
         m->news.unread[0] = 0;
     } else if (strcmp(s->refusal, s->unread)) {

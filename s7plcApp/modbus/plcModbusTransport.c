@@ -50,6 +50,7 @@ static void *create(const plcTransportSetup *setup, const void *own)
                                 .inSize = setup->inSize,
                                 .outputs = o->outputs,
                                 .outputCount = o->outputCount,
+                                .out = setup->out,
                                 .outSize = setup->outSize,
                                 .inFaults = setup->inFaults,
                                 .outFaults = setup->outFaults,
@@ -129,7 +130,8 @@ static void put(void *pvt, const void *image, const void *mask)
 {
     modbusTransport *t = pvt;
 
-    plcModbusWrite(t->worker, image, mask);
+    (void)image, (void)mask;
+    plcModbusWrite(t->worker);
 }
 
 static void reportRanges(const plcRange *ranges, unsigned count, plcFaults *faults,
@@ -180,6 +182,7 @@ const plcTransport plcModbusTransport = {
     .whole = whole,
     .down = down,
     .news = news,
+    .takesPuts = 1,
     .put = put,
     .report = report,
 };

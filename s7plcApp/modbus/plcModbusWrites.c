@@ -7,33 +7,6 @@
 
 #include "plcModbusPvt.h"
 
-/* A write's values are fetched when it leaves, so that they are the newest. Returns 0, or
- * -1 when the session is over. */
-static int fetchValues(plcModbus *m, const plcRequest *q)
-{
-    unsigned i, n = plcWorkerOutPieces(m, q);
-
-    if (!plcWorkerEnter(m))
-        return -1;
-    for (i = 0; i < n; i++) {
-        const plcPiece *p = &m->pieces[i];
-        epicsUInt8 mask[maskMax];
-        size_t k, size = plcWorkerPieceBytes(q, p);
-
-        plcWorkerPieceMask(q, p, mask);
-        plcWorkerMix(m->values + p->offset, m->order + p->offset, mask, size);
-        for (k = 0; k < size; k++) {
-            size_t at = p->offset + k;
-
-            if (q->function == 22) /* newer bits of the same register go with it */
-                m->leaving[at] |= m->owed[at];
-            m->owed[at] &= (epicsUInt8) ~(mask[k] & m->leaving[at]);
-        }
-    }
-    epicsMutexUnlock(m->lock);
-    return 0;
-}
-
 /* The write is through: it was acknowledged (reason ""), or not. */
 static void settle(plcModbus *m, const plcRequest *q, const char *reason)
 {
@@ -149,8 +122,6 @@ static int writeOne(plcModbus *m, const plcRequest *request)
 
     if (q.count == 1 && q.function != 22 && m->session.options.singleWrite)
         q.function = plcWorkerIsBits(q.table) ? 5 : 6;
-    if (fetchValues(m, &q))
-        return -1;
     status = q.function == 22 ? writeBits(m, &q) : writeWhole(m, &q);
     if (status > 0)
         return refused(m, &q, status);
@@ -159,32 +130,57 @@ static int writeOne(plcModbus *m, const plcRequest *request)
     return status;
 }
 
-/* What is ordered now. Returns 0, or -1: the session is over. */
-int plcWorkerWriteAll(plcModbus *m)
+/* What leaves together: puts that are neighbours in their order and in a table. Returns 0
+ * when there is nothing, or the session is over. */
+static unsigned takeTogether(plcModbus *m)
+{
+    plcJoin join = {m->setup.outputs, m->setup.outputCount, .most = 0};
+    unsigned count;
+
+    if (!plcWorkerEnter(m))
+        return 0;
+    memset(m->leaving, 0, m->setup.outSize);
+    count = m->mayWrite ? plcImageTakePuts(m->setup.out, plcPlanJoins, &join, m->values,
+                                           m->leaving)
+                        : 0;
+    if (!count)
+        m->mayWrite = 0; /* the next ones have their holdoff */
+    epicsMutexUnlock(m->lock);
+    return count;
+}
+
+/* Writes what was taken. Returns 0, or -1: the session is over. */
+static int writeTogether(plcModbus *m)
 {
     plcRequest *requests;
     unsigned i, n;
     int status = 0;
 
-    if (!plcWorkerEnter(m))
-        return -1;
-    m->writing = m->ordered;
-    m->ordered = 0;
-    memcpy(m->leaving, m->owed, m->setup.outSize);
-    memset(m->owed, 0, m->setup.outSize);
-    i = m->writing;
-    epicsMutexUnlock(m->lock);
-    if (!i)
-        return 0;
     n = plcPlanWrites(m->setup.outputs, m->setup.outputCount, m->leaving,
                       m->session.knowsOut ? m->ownGlueOut : NULL,
                       m->session.options.singleWrite, &requests);
     for (i = 0; i < n && status == 0; i++)
         status = writeOne(m, &requests[i]);
     free(requests);
-    if (plcWorkerEnter(m)) {
-        m->writing = 0;
+    if (status == 0 && plcWorkerEnter(m)) {
+        plcImagePutsDone(m->setup.out);
         plcWorkerTell(m);
     }
     return status;
+}
+
+/* As many lots as puts wait now; those that come meanwhile have to wait for a read. Returns
+ * 0, or -1: the session is over. */
+int plcWorkerWriteAll(plcModbus *m)
+{
+    unsigned left = plcImagePutsWaiting(m->setup.out, NULL, NULL), count;
+
+    for (; left; left -= count < left ? count : left) {
+        count = takeTogether(m);
+        if (!count)
+            break;
+        if (writeTogether(m))
+            return -1;
+    }
+    return 0;
 }

@@ -172,6 +172,12 @@ class Ioc:
     def put(self, name, value, wait=True):
         self.pv(name).put(value, wait=wait, timeout=LIMIT)
 
+    def put_callback(self, name, value):
+        """A put with callback; returns an event that is set when it has ended."""
+        done = threading.Event()
+        self.pv(name).put(value, wait=False, callback=lambda **kw: done.set())
+        return done
+
     def process_record(self, name):
         self.put(name + ".PROC", 1)
 

@@ -19,17 +19,20 @@ IN_SIZE = 32  # bytes
 class Station:
     """A PLC that sends blocks and serves Modbus on another port, and the IOC.
 
-    Its records write registers 100 and up: byte offset 2 n is register 100 + n."""
+    Its records write registers 100 and up: byte offset 2 n is register 100 + n. They do not wait
+    for the PLC (complete=sent), so that tests can put while an answer is held back."""
 
     START = 100
 
-    def __init__(self, new_peer, new_modbus, new_ioc, db, *options, registers=400, big=1, **kw):
+    def __init__(self, new_peer, new_modbus, new_ioc, db, *options, registers=400, big=1,
+                 complete="sent", **kw):
         self.blocks = new_peer(IN_SIZE, 2 * registers)
         self.big = big
         self.plc = new_modbus(**kw)
         self.lines = (self.blocks.configure(recv_timeout=20000, send_interval=3600000, big=big) +
                       f'\ns7plcModbusOutput("PLC", "", {self.plc.port}, 1, {self.START})' +
-                      "".join(f"\ns7plcSetOption PLC {option}" for option in options))
+                      "".join(f"\ns7plcSetOption PLC {option}"
+                              for option in (f"complete {complete}", *options)))
         self.holding = self.plc.holding
         self.new_ioc, self.db = new_ioc, db
 
@@ -181,7 +184,7 @@ def test_holdoff(new_station):
 def test_burst(new_station, delay):
     """1,000 puts in a burst (answers take {delay} s): the last value of each record, in requests of legal size"""
     s = new_station(words(150, kind="INT32", step=2) + words(100, first=302, step=3).replace("$(P)o", "$(P)p") +
-                    bits(16, 301), registers=620)
+                    bits(16, 301), registers=620, complete="acknowledged")
     s.plc.delay = delay
     chance, last = random.Random(5), {}
     names = [f"o{i}" for i in range(150)] + [f"p{i}" for i in range(100)] + [f"b{i}" for i in range(16)]
@@ -892,3 +895,129 @@ def test_sim_whole_plc(new_sim, new_ioc):
         ioc.put("coil", value)
         ioc.wait_value("coil:RBV", value)
     assert "other_unit=0" in sim.command("modbus")
+
+
+# --- Order and completion ------------------------------------------------------------------------
+
+def in_order(s):
+    """(register, value) as the device saw them, one by one."""
+    return [(r.start - s.START + i, value) for r in s.writes() for i, value in enumerate(r.values)]
+
+
+def test_order(new_station):
+    """puts leave in the order in which they were made, whatever their registers"""
+    s = new_station(words(100), *OFTEN)
+    order = list(range(100))
+    random.Random(7).shuffle(order)
+    put_together(s, {f"o{n}": 1000 + n for n in order})
+    until_equal(lambda: in_order(s), [(n, 1000 + n) for n in order])
+
+
+def test_order_neighbours(new_station):
+    """neighbours in the order that are neighbours in the table share a request"""
+    s = new_station(words(20), *OFTEN)
+    put_together(s, {f"o{n}": n + 1 for n in (12, 4, 5, 6, 7, 15, 16, 3)})
+    until_equal(lambda: [(r.start - s.START, r.count) for r in s.writes()],
+                [(12, 1), (4, 4), (15, 2), (3, 1)])
+
+
+def test_pulse(new_station):
+    """a bit that was set and cleared while a request was on its way is seen as set, then as cleared"""
+    s = new_station(bits(2), *OFTEN)
+    plc, ioc = s.plc, s.ioc
+    plc.answering.clear()
+    begin = plc.mark()
+    until(lambda: plc.mark() > begin or plc.handlers[-1].pending, "a request on its way")
+    for value in (1, 0, 1, 0):
+        ioc.put("b1", value)
+    plc.answering.set()
+    until_equal(lambda: len(s.writes()), 4)
+    assert [r.values[1] & 2 for r in s.writes()] == [2, 0, 2, 0], s.writes()
+
+
+def test_writes_all(new_station):
+    """writes=all: every value of a number leaves, in its order"""
+    s = new_station(words(2), "writes all", *OFTEN)
+    plc, ioc = s.plc, s.ioc
+    plc.answering.clear()
+    begin = plc.mark()
+    until(lambda: plc.mark() > begin or plc.handlers[-1].pending, "a request on its way")
+    for value in range(5):
+        ioc.put("o1", 100 + value)
+    plc.answering.set()
+    until_equal(lambda: in_order(s), [(1, 100 + value) for value in range(5)])
+
+
+def test_completion(new_station):
+    """a put with callback waits for the PLC's answer"""
+    s = new_station(words(2), *OFTEN, complete="acknowledged")
+    plc, ioc = s.plc, s.ioc
+    ioc.connect(["o0", "o0.PACT"])
+    plc.answering.clear()
+    begin = plc.mark()
+    until(lambda: plc.mark() > begin or plc.handlers[-1].pending, "a request on its way")
+    done = ioc.put_callback("o0", 77)
+    until_equal(lambda: ioc.get("o0.PACT"), 1)
+    assert not done.is_set() and s.register(0) == 0
+    plc.answering.set()
+    until(done.is_set, "the end of the put")
+    assert s.register(0) == 77 and ioc.get("o0.PACT") == 0
+
+
+def test_completion_refused(new_station):
+    """when a put with callback ends, the record says whether the PLC refused it"""
+    s = new_station(words(2), *OFTEN, complete="acknowledged")
+    s.plc.refuse((6, 16), 101, code=3)
+    s.ioc.put("o1", 5)
+    assert s.ioc.alarm("o1")[:2] == ("INVALID", "WRITE"), s.ioc.alarm("o1")
+    s.ioc.put("o0", 5)
+    assert s.ioc.severity("o0") == "NO_ALARM" and s.register(0) == 5
+
+
+def test_completion_second(new_station):
+    """two puts, the second while the first is on its way: the PLC has the second at the end"""
+    s = new_station(words(2, fields='field(SCAN, "Passive")'), "track on", *OFTEN, complete="acknowledged")
+    plc, ioc = s.plc, s.ioc
+    for value in range(10, 30, 2):
+        plc.answering.clear()
+        begin = plc.mark()
+        until(lambda: plc.mark() > begin or plc.handlers[-1].pending, "a request on its way")
+        first = ioc.put_callback("o0", value)
+        second = ioc.put_callback("o0", value + 1)
+        plc.answering.set()
+        until(lambda: first.is_set() and second.is_set(), "the end of both puts")
+        s.wait_register(0, value + 1)
+        ioc.wait_value("o0", value + 1)
+
+
+def test_completion_lost(new_station):
+    """a put that waits ends when the connection is lost, and the record says why"""
+    s = new_station(words(2), "readPeriod 20", "requestTimeout 500", complete="acknowledged")
+    plc, ioc = s.plc, s.ioc
+    ioc.connect(["o0", "o0.PACT"])
+    plc.answering.clear()
+    done = ioc.put_callback("o0", 77)
+    until(done.is_set, "the end of the put")
+    assert ioc.get("o0.PACT") == 0
+    ioc.wait_alarm("o0", "INVALID")
+    plc.answering.set()
+    s.wait_register(0, 77)
+    ioc.wait_alarm("o0", "NO_ALARM")
+
+
+def test_completion_link(new_station):
+    """a record whose link changes while it waits ends, and works at its new place"""
+    s = new_station(words(2), *OFTEN, complete="acknowledged")
+    plc, ioc = s.plc, s.ioc
+    ioc.connect(["o0", "o0.PACT"])
+    plc.answering.clear()
+    begin = plc.mark()
+    until(lambda: plc.mark() > begin or plc.handlers[-1].pending, "a request on its way")
+    done = ioc.put_callback("o0", 77)
+    until_equal(lambda: ioc.get("o0.PACT"), 1)
+    ioc.put("o0.OUT", "@PLC/20", wait=False)  # with wait CA itself waits for the record
+    until(done.is_set, "the end of the put")
+    assert ioc.get("o0.PACT") == 0
+    plc.answering.set()
+    ioc.put("o0", 78)
+    assert s.register(10) == 78

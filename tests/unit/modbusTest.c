@@ -400,6 +400,7 @@ typedef struct world {
     SOCKET socket;
     plcNews all; /* since the start: sums, and the last words */
     char log[2000];
+    plcImage *out; /* puts wait here */
     epicsUInt8 input[4096], output[4096], image[4096], mask[4096];
 } world;
 
@@ -431,6 +432,8 @@ static world *worldCreate(plc *p, const char *inputs, const char *outputs, int b
     setup.outputs = w->outputs;
     setup.inSize = w->inSize;
     setup.outSize = w->outSize;
+    setup.out = w->out = plcImageCreate(w->outSize);
+    plcImageKeepPuts(w->out, 1000);
     setup.inFaults = w->inFaults = plcFaultsCreate(w->inSize);
     setup.outFaults = w->outFaults = plcFaultsCreate(w->outSize);
     setup.arg = w->woken = epicsEventMustCreate(epicsEventEmpty);
@@ -448,6 +451,7 @@ static void worldDestroy(world *w)
     toolClose(w->socket);
     plcFaultsDestroy(w->inFaults);
     plcFaultsDestroy(w->outFaults);
+    plcImageDestroy(w->out);
     epicsEventDestroy(w->woken);
     free(w->inputs);
     free(w->outputs);
@@ -473,6 +477,10 @@ static void start(world *w, const epicsUInt8 *glueIn, const epicsUInt8 *glueOut)
     w->log[0] = 0;
     if (w->socket != INVALID_SOCKET)
         toolClose(w->socket);
+    plcModbusStop(w->modbus);
+    plcImageAway(w->out, 1); /* as the station does */
+    plcImageForget(w->out);
+    plcImageAway(w->out, 0);
     w->socket = connectTo(w->plc);
     plcModbusStart(w->modbus, w->socket, glueIn, glueOut);
 }
@@ -486,7 +494,6 @@ static void take(world *w)
     w->all.blocks += n.blocks;
     w->all.shown += n.shown;
     w->all.lost |= n.lost;
-    w->all.idle = n.idle;
     w->all.inFaults |= n.inFaults;
     w->all.outFaults |= n.outFaults;
     w->all.requests += n.requests;
@@ -505,6 +512,12 @@ static void take(world *w)
         strcpy(w->all.unread, n.unread);
     if (n.log[0] && strlen(w->log) + strlen(n.log) + 2 < sizeof(w->log))
         strcat(strcat(w->log, n.log), "; ");
+}
+
+/* All puts are through, or refused. */
+static int idle(world *w)
+{
+    return !plcImagePutsWaiting(w->out, NULL, NULL);
 }
 
 /* Until the condition is true; news are taken whenever there are some. */
@@ -537,7 +550,15 @@ static void putBit(world *w, unsigned byte, unsigned bit, int value)
 
 static void sendOrders(world *w)
 {
-    plcModbusWrite(w->modbus, w->image, w->mask);
+    size_t i;
+
+    for (i = 0; i < w->outSize; i++) {
+        if (i % 2 == 0 && i + 1 < w->outSize && w->mask[i] == 0xff && w->mask[i + 1] == 0xff)
+            plcImageWrite(w->out, i, 2, w->image + i, NULL);
+        else if (w->mask[i] && (i % 2 == 0 || w->mask[i] != 0xff || w->mask[i - 1] != 0xff))
+            plcImageWrite(w->out, i, 1, w->image + i, w->mask + i);
+    }
+    plcModbusWrite(w->modbus);
     memset(w->mask, 0, sizeof(w->mask));
 }
 
@@ -712,7 +733,7 @@ static void testWrites(void)
     plcForget(p);
     putRegister(w, 3, 0x1234);
     sendOrders(w);
-    UNTIL(w, w->all.writes == 1 && w->all.idle);
+    UNTIL(w, w->all.writes == 1 && idle(w));
     testOk(plcRegister(p, 103) == 0x1234 && plcRegister(p, 102) == 0x1066 &&
                plcRegister(p, 104) == 0x1068 && plcAsked(p, 16, 103) == 1 &&
                plcLogged(p) == 1,
@@ -721,7 +742,7 @@ static void testWrites(void)
     for (i = 0; i < 200; i++)
         putRegister(w, i, 0x4000 + i);
     sendOrders(w);
-    UNTIL(w, w->all.writes == 3 && w->all.idle);
+    UNTIL(w, w->all.writes == 3 && idle(w));
     for (i = 0, good = 1; i < 200; i++)
         good &= plcRegister(p, 100 + i) == 0x4000 + i;
     testOk(good && plcLogged(p) == 2 && plcLog(p, 0).count == 123,
@@ -732,7 +753,7 @@ static void testWrites(void)
     putBit(w, 7, 1, 1);
     plcSetRegister(p, 103, 0xaaaa);
     sendOrders(w);
-    UNTIL(w, w->all.writes == 4 && w->all.idle);
+    UNTIL(w, w->all.writes == 4 && idle(w));
     testOk(plcRegister(p, 103) == 0x2baa && plcAsked(p, 22, 103) == 1 &&
                plcLogged(p) == 1,
            "bits of a register: FC22, 0x%x", plcRegister(p, 103));
@@ -740,7 +761,7 @@ static void testWrites(void)
     for (i = 8; i < 32; i++)
         putBit(w, 400 + i / 8, i % 8, i % 2);
     sendOrders(w);
-    UNTIL(w, w->all.writes == 5 && w->all.idle);
+    UNTIL(w, w->all.writes == 5 && idle(w));
     for (i = 8, good = 1; i < 32; i++)
         good &= plcCoil(p, i) == i % 2;
     testOk(good && plcCoil(p, 6) == 1 && plcCoil(p, 33) == 1 &&
@@ -752,7 +773,7 @@ static void testWrites(void)
     putBit(w, 400, 0, 0);
     putRegister(w, 0, 77);
     sendOrders(w);
-    UNTIL(w, w->all.writes == 7 && w->all.idle);
+    UNTIL(w, w->all.writes == 7 && idle(w));
     testOk(plcCoil(p, 0) == 0 && plcRegister(p, 100) == 77 && plcAsked(p, 5, 0) == 1 &&
                plcAsked(p, 6, 100) == 1,
            "singleWrite: FC5 and FC6");
@@ -761,7 +782,7 @@ static void testWrites(void)
     for (i = 0; i < 5; i++)
         putRegister(w, i, 0x600 + i);
     sendOrders(w);
-    UNTIL(w, w->all.writes == 12 && w->all.idle);
+    UNTIL(w, w->all.writes == 12 && idle(w));
     testOk(plcRegister(p, 100) == 0x600 && plcRegister(p, 104) == 0x604 &&
                w->all.exceptions,
            "singleWrite, and no FC16: one by one");
@@ -786,7 +807,7 @@ static void testLastValue(void)
     sendOrders(w);
     WAIT_FOR(plcAsked(p, 16, 1) == 1);
     take(w);
-    testOk(!w->all.idle, "under way");
+    testOk(!idle(w), "under way");
     for (i = 2; i <= 50; i++) {
         putRegister(w, 1, i);
         sendOrders(w);
@@ -795,7 +816,7 @@ static void testLastValue(void)
     sendOrders(w);
     plcSetRules(p, NULL, 0);
     epicsEventSignal(p->release);
-    UNTIL(w, w->all.writes == 2 && w->all.idle);
+    UNTIL(w, w->all.writes == 2 && idle(w));
     testOk(plcRegister(p, 1) == 50 && plcRegister(p, 2) == 99 && plcLogged(p) == 2,
            "fifty puts while a request is under way: one more request, the last value");
     worldDestroy(w);
@@ -826,7 +847,7 @@ static void testBisect(void)
     for (i = 0; i < 50; i++)
         putBit(w, 200 + i / 8, i % 8, 1);
     sendOrders(w);
-    UNTIL(w, w->all.idle && plcCoil(p, 49));
+    UNTIL(w, idle(w) && plcCoil(p, 49));
     for (i = 0, good = 1; i < 100; i++)
         if (i != 40 && i != 41 && i != 70)
             good &= plcRegister(p, i) == i && !fault(w->outFaults, 2 * i, 2)[0];
@@ -887,7 +908,7 @@ static void testCodes(void)
         plcForget(p);
         putRegister(w, 0, (unsigned)i);
         sendOrders(w);
-        UNTIL(w, w->all.idle && strcmp(fault(w->outFaults, 0, 2), expected) == 0);
+        UNTIL(w, idle(w) && strcmp(fault(w->outFaults, 0, 2), expected) == 0);
         testOk(strcmp(fault(w->outFaults, 0, 2), expected) == 0 && !w->all.lost, "%s",
                fault(w->outFaults, 0, 2));
     }
@@ -898,7 +919,7 @@ static void testCodes(void)
         plcForget(p);
         putRegister(w, 0, 50 + (unsigned)i);
         sendOrders(w);
-        UNTIL(w, w->all.idle && plcRegister(p, 0) == 50 + i &&
+        UNTIL(w, idle(w) && plcRegister(p, 0) == 50 + i &&
                      !fault(w->outFaults, 0, 2)[0]);
         testOk(plcRegister(p, 0) == 50 + i && plcAsked(p, 16, 0) == 3 &&
                    !fault(w->outFaults, 0, 2)[0],
@@ -918,12 +939,12 @@ static void testNoMaskWrite(void)
     UNTIL(w, w->all.shown);
     putBit(w, 1, 0, 1);
     sendOrders(w);
-    UNTIL(w, w->all.idle && w->all.outFaults);
+    UNTIL(w, idle(w) && w->all.outFaults);
     testOk(strcmp(fault(w->outFaults, 1, 1), "PLC has no FC22: set maskWrite=rmw") == 0,
            "%s", fault(w->outFaults, 1, 1));
     putBit(w, 3, 0, 1);
     sendOrders(w);
-    UNTIL(w, w->all.idle && fault(w->outFaults, 3, 1)[0]);
+    UNTIL(w, idle(w) && fault(w->outFaults, 3, 1)[0]);
     testOk(plcAsked(p, 22, 0) == 1 && plcAsked(p, 22, 1) == 0 &&
                fault(w->outFaults, 3, 1)[0],
            "the PLC is not asked again");
@@ -934,14 +955,14 @@ static void testNoMaskWrite(void)
     putBit(w, 1, 0, 1);
     putBit(w, 0, 7, 0);
     sendOrders(w);
-    UNTIL(w, w->all.writes == 1 && w->all.idle);
+    UNTIL(w, w->all.writes == 1 && idle(w));
     testOk(plcRegister(p, 0) == 0x7f01 && plcAsked(p, 3, 0) == 1 &&
                plcAsked(p, 6, 0) == 1 && !fault(w->outFaults, 0, 2)[0],
            "maskWrite=rmw: read, modify, write: 0x%x", plcRegister(p, 0));
     plcOneRule(p, 6, 0, 9, refuses, 2);
     putBit(w, 5, 0, 1);
     sendOrders(w);
-    UNTIL(w, w->all.idle && fault(w->outFaults, 5, 1)[0]);
+    UNTIL(w, idle(w) && fault(w->outFaults, 5, 1)[0]);
     testOk(strcmp(fault(w->outFaults, 5, 1), "PLC: exception 2, illegal data address") ==
                0,
            "and its refusal: %s", fault(w->outFaults, 5, 1));
@@ -974,7 +995,7 @@ static void testShown(void)
     testOk(get16(w->output + 6) == 0x55aa, "shown again when the PLC has changed it");
     w->options.readPeriod = 0;
     setOptions(w);
-    UNTIL(w, w->all.idle);
+    UNTIL(w, idle(w));
     plcOneRule(p, 16, 0, 9, holdsBack, 0);
     putRegister(w, 0, 1);
     sendOrders(w);
@@ -1071,7 +1092,7 @@ static void testLosses(void)
         UNTIL(w, w->all.shown);
         putRegister(w, 2, (unsigned)i);
         sendOrders(w);
-        UNTIL(w, w->all.idle && w->all.writes == 1);
+        UNTIL(w, idle(w) && w->all.writes == 1);
         w->options.requestTimeout = losses[i].timeout;
         setOptions(w);
         plcOneRule(p, 16, 0, 9, losses[i].act, 0);
@@ -1172,7 +1193,7 @@ static void testOldOrders(void)
         bad += plcRegister(p, 5) == 0xdead;
     }
     start(w, NULL, NULL);
-    UNTIL(w, w->all.shown && w->all.idle);
+    UNTIL(w, w->all.shown && idle(w));
     testOk(!bad && plcRegister(p, 5) != 0xdead,
            "what was ordered before the start is void");
     worldDestroy(w);
@@ -1377,7 +1398,7 @@ static void testBusy(void)
         sendOrders(w);
         take(w);
     }
-    UNTIL(w, w->all.idle && w->all.blocks >= 200);
+    UNTIL(w, idle(w) && w->all.blocks >= 200);
     testOk(w->all.blocks >= 200 && w->all.writes > 20 && !w->all.lost &&
                plcRegister(p, 500 + (i - 1) % 100) == ((i - 1) & 0xffff),
            "%u puts, %u writes, %u blocks", i - 1, w->all.writes, w->all.blocks);

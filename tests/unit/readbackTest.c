@@ -33,9 +33,9 @@ static void end(void)
 
 static void putByte(size_t offset, char byte, const void *mask)
 {
-    size_t takes;
+    plcWritten written;
 
-    plcReadbackWrite(r, out, offset, 1, &byte, mask, &takes, now);
+    plcReadbackWrite(r, out, offset, 1, &byte, mask, &written, now);
 }
 
 static void leave(void)

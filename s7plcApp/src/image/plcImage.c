@@ -21,6 +21,7 @@
 
 #include "plcHot.h"
 #include "plcImage.h"
+#include "plcPuts.h"
 
 typedef size_t word;
 
@@ -39,8 +40,9 @@ struct plcImage {
     int closed;                   /* writes are refused */
     size_t takes;                 /* how often the output was taken */
     char reason[PLC_REASON_SIZE]; /* "" when valid */
-    epicsUInt8 *changed; /* bits written since the last take; NULL: not tracked */
+    plcPuts *puts;       /* what was written and has not left; NULL: not kept */
     epicsUInt8 *ours;    /* bits ever written, and not set since */
+    int allEdges;        /* every value is to leave, not only of single bits */
 };
 
 static word *makeWords(size_t size)
@@ -67,7 +69,7 @@ void plcImageDestroy(plcImage *image)
     epicsMutexDestroy(image->lock);
     free(image->words[0]);
     free(image->words[1]);
-    free(image->changed);
+    plcPutsDestroy(image->puts);
     free(image->ours);
     free(image);
 }
@@ -224,46 +226,43 @@ static int differs(const epicsUInt8 *to, const epicsUInt8 *from, const epicsUInt
     return 0;
 }
 
-/* These bits were written. The lock is held. */
-static void mark(plcImage *image, size_t offset, size_t length, const epicsUInt8 *mask)
+/* These bits were written. The lock is held. Returns the number of the put. */
+static epicsUInt64 mark(plcImage *image, size_t offset, size_t length,
+                        const epicsUInt8 *src, const epicsUInt8 *mask)
 {
+    plcPut what = {offset, length, src, mask};
     size_t i;
-    epicsUInt8 bits;
 
-    for (i = 0; i < length; i++) {
-        bits = mask ? mask[i] : 0xFF;
-        image->changed[offset + i] |= bits;
-        image->ours[offset + i] |= bits;
-    }
+    for (i = 0; i < length; i++)
+        image->ours[offset + i] |= mask ? mask[i] : 0xFF;
+    return plcPutsAdd(image->puts, &what, mask || image->allEdges);
 }
 
 /* These bits are not ours any more. The lock is held. */
 static void unmark(plcImage *image, size_t offset, size_t length, const epicsUInt8 *mask)
 {
     size_t i;
-    epicsUInt8 others;
 
-    for (i = 0; i < length; i++) {
-        others = mask ? (epicsUInt8)~mask[i] : 0;
-        image->changed[offset + i] &= others;
-        image->ours[offset + i] &= others;
-    }
+    for (i = 0; i < length; i++)
+        image->ours[offset + i] &= mask ? (epicsUInt8)~mask[i] : 0;
+    plcPutsVoid(image->puts, offset, length, mask);
 }
 
 int plcImageWriteCounted(plcImage *image, size_t offset, size_t length, const void *src,
-                         const void *mask, size_t *takes)
+                         const void *mask, plcWritten *written)
 {
     int first;
 
     epicsMutexMustLock(image->lock);
-    *takes = image->takes;
+    written->takes = image->takes;
+    written->number = 0;
     if (image->closed) {
         epicsMutexUnlock(image->lock);
         return -1;
     }
     put(bytesOf(image) + offset, src, mask, length);
-    if (image->changed)
-        mark(image, offset, length, mask);
+    if (image->puts)
+        written->number = mark(image, offset, length, src, mask);
     first = !plcImageDirty(image);
     setDirty(image, 1);
     epicsMutexUnlock(image->lock);
@@ -273,9 +272,9 @@ int plcImageWriteCounted(plcImage *image, size_t offset, size_t length, const vo
 int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src,
                   const void *mask)
 {
-    size_t takes;
+    plcWritten written;
 
-    return plcImageWriteCounted(image, offset, length, src, mask, &takes);
+    return plcImageWriteCounted(image, offset, length, src, mask, &written);
 }
 
 size_t plcImageTakes(plcImage *image)
@@ -307,7 +306,7 @@ int plcImageSet(plcImage *image, size_t offset, size_t length, const void *src,
     changed = wanted && differs(to, src, mask, length);
     if (changed)
         put(to, src, mask, length);
-    if (wanted && image->changed)
+    if (wanted && image->puts)
         unmark(image, offset, length, mask);
     epicsMutexUnlock(image->lock);
     return changed;
@@ -329,8 +328,8 @@ void plcImageTouch(plcImage *image)
 static void forget(plcImage *image)
 {
     setDirty(image, 0);
-    if (image->changed)
-        memset(image->changed, 0, image->size);
+    if (image->puts)
+        plcPutsVoidAll(image->puts);
 }
 
 void plcImageTake(plcImage *image, void *dst)
@@ -360,29 +359,86 @@ void plcImagePeek(plcImage *image, size_t offset, size_t length, void *dst)
 
 /* --- Output that leaves piece by piece --------------------------------------------- */
 
-void plcImageTrackWrites(plcImage *image)
+void plcImageKeepPuts(plcImage *image, unsigned most)
 {
     epicsMutexMustLock(image->lock);
-    if (!image->changed) {
-        image->changed = callocMustSucceed(image->size + 1, 1, "plcImageTrackWrites");
-        image->ours = callocMustSucceed(image->size + 1, 1, "plcImageTrackWrites");
+    if (!image->puts) {
+        image->puts = plcPutsCreate(image->size, most);
+        image->ours = callocMustSucceed(image->size + 1, 1, "plcImageKeepPuts");
     }
     epicsMutexUnlock(image->lock);
 }
 
-void plcImageTakeChanges(plcImage *image, void *dst, void *mask)
+void plcImageAllEdges(plcImage *image, int all)
 {
     epicsMutexMustLock(image->lock);
-    if (image->size) {
-        memcpy(dst, bytesOf(image), image->size);
-        if (image->changed)
-            memcpy(mask, image->changed, image->size);
-        else
-            memset(mask, 0, image->size);
-    }
-    forget(image);
+    image->allEdges = all;
+    epicsMutexUnlock(image->lock);
+}
+
+void plcImageAway(plcImage *image, int away)
+{
+    epicsMutexMustLock(image->lock);
+    plcPutsBack(image->puts);
+    plcPutsAway(image->puts, away);
+    if (!away && plcPutsCount(image->puts))
+        setDirty(image, 1);
+    epicsMutexUnlock(image->lock);
+}
+
+void plcImageHandOver(plcImage *image)
+{
+    epicsMutexMustLock(image->lock);
+    setDirty(image, 0);
     image->takes++;
     epicsMutexUnlock(image->lock);
+}
+
+unsigned plcImageTakePuts(plcImage *image, int (*joins)(void *arg, const plcPut *put),
+                          void *arg, void *values, void *mask)
+{
+    unsigned count;
+
+    epicsMutexMustLock(image->lock);
+    count = plcPutsTake(image->puts, joins, arg, values, mask);
+    epicsMutexUnlock(image->lock);
+    return count;
+}
+
+void plcImagePutsDone(plcImage *image)
+{
+    epicsMutexMustLock(image->lock);
+    plcPutsDone(image->puts);
+    epicsMutexUnlock(image->lock);
+}
+
+unsigned plcImagePutsWaiting(plcImage *image, void *values, void *mask)
+{
+    epicsUInt8 *bits = mask;
+    unsigned count;
+
+    epicsMutexMustLock(image->lock);
+    count = plcPutsCount(image->puts);
+    if (mask && image->size) {
+        memset(bits, 0, image->size);
+        plcPutsBits(image->puts, bits);
+    }
+    if (mask && values)
+        put(values, bytesOf(image), bits, image->size);
+    epicsMutexUnlock(image->lock);
+    return count;
+}
+
+epicsUInt64 plcImagePutsThrough(plcImage *image, epicsUInt64 *dropped)
+{
+    epicsUInt64 through;
+
+    epicsMutexMustLock(image->lock);
+    through = plcPutsThrough(image->puts);
+    if (dropped)
+        *dropped = plcPutsDropped(image->puts);
+    epicsMutexUnlock(image->lock);
+    return through;
 }
 
 /* Where the value that begins at byte i ends: whole registers, and what is glued. */
@@ -393,39 +449,41 @@ static size_t valueEnd(const plcImage *image, const epicsUInt8 *glue, size_t i)
     return i;
 }
 
-/* Marks what differs in bytes first to end - 1, one value. Returns 1 when something does.
- * The lock is held. */
-static int owe(plcImage *image, const epicsUInt8 *shown, size_t first, size_t end)
+/* Sets in `owed` what differs in bytes first to end - 1, one value. Returns 1 when something
+ * does. The lock is held. */
+static int owe(plcImage *image, const epicsUInt8 *shown, size_t first, size_t end,
+               epicsUInt8 *owed)
 {
     const epicsUInt8 *now = bytesOf(image);
     int any = 0, whole = end - first > 1;
     size_t i;
 
     for (i = first; i < end; i++) {
-        epicsUInt8 owed =
-            (epicsUInt8)(image->ours[i] & (shown ? now[i] ^ shown[i] : 0xFF));
-
-        image->changed[i] |= owed;
-        any |= owed;
+        owed[i] = (epicsUInt8)(image->ours[i] & (shown ? now[i] ^ shown[i] : 0xFF));
+        any |= owed[i];
         whole &= image->ours[i] == 0xFF;
     }
     if (any && whole)
-        memset(image->changed + first, 0xFF, end - first);
+        memset(owed + first, 0xFF, end - first);
     return any != 0;
 }
 
 int plcImageOwe(plcImage *image, const void *shown, const epicsUInt8 *glue)
 {
+    epicsUInt8 *owed = callocMustSucceed(image->size + 1, 1, "plcImageOwe");
     int any = 0;
     size_t i, end;
 
     epicsMutexMustLock(image->lock);
-    for (i = 0; image->changed && i < image->size; i = end) {
+    for (i = 0; image->puts && i < image->size; i = end) {
         end = valueEnd(image, glue, i);
-        any |= owe(image, shown, i, end);
+        any |= owe(image, shown, i, end, owed);
     }
+    if (any)
+        plcPutsOwe(image->puts, bytesOf(image), owed);
     if (any)
         setDirty(image, 1);
     epicsMutexUnlock(image->lock);
+    free(owed);
     return any;
 }

@@ -13,6 +13,8 @@
 #include <epicsTime.h>
 #include <epicsTypes.h>
 
+#include "plcPuts.h"
+
 typedef struct plcImage plcImage;
 
 #define PLC_REASON_SIZE 40 /* AMSG of a record, with its terminator */
@@ -53,12 +55,18 @@ void plcImageInvalidate(plcImage *image, const char *reason);
 int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src,
                   const void *mask);
 
-/* The same; *takes is how often the image had been taken just before this write, so that it
- * leaves with a later take. */
-int plcImageWriteCounted(plcImage *image, size_t offset, size_t length, const void *src,
-                         const void *mask, size_t *takes);
+/* What became of a write. */
+typedef struct plcWritten {
+    size_t takes;       /* how often the image had been taken just before: it leaves with a
+                         * later take */
+    epicsUInt64 number; /* of the put; 0: the image does not keep puts */
+} plcWritten;
 
-/* How often the image was taken. */
+/* The same, and *written. */
+int plcImageWriteCounted(plcImage *image, size_t offset, size_t length, const void *src,
+                         const void *mask, plcWritten *written);
+
+/* How often the image was taken, or handed over. */
 size_t plcImageTakes(plcImage *image);
 
 /* Closes the image for writes, or opens it: no write is under way when this returns. */
@@ -79,23 +87,44 @@ void plcImageTake(plcImage *image, void *dst);
 int plcImageSet(plcImage *image, size_t offset, size_t length, const void *src,
                 const void *mask, const void *expected);
 
-/* --- Output that leaves piece by piece: which bits were written ---------------------- */
+/* --- Output that leaves put by put (plcPuts.h) ---------------------------------------- */
 
-/* From now on the image remembers which bits plcImageWrite has written: since the last take,
- * and ever. Call it before the first write. */
-void plcImageTrackWrites(plcImage *image);
+/* From now on the image keeps its puts, at most so many, and remembers which bits were ever
+ * written. Call it before the first write. */
+void plcImageKeepPuts(plcImage *image, unsigned most);
 
-/* As plcImageTake, and sets in `mask` (as large as the image) the bits that were written
- * since the last take. plcImageTouch adds none. */
-void plcImageTakeChanges(plcImage *image, void *dst, void *mask);
+/* Every value is to leave, in its order (1), or of numbers and texts the newest of those that
+ * follow directly on each other (0, so it begins). Of single bits every value leaves. */
+void plcImageAllEdges(plcImage *image, int all);
+
+/* The PLC is away (1), or back (0): what is under way waits again, and makes the image dirty
+ * when it is back. */
+void plcImageAway(plcImage *image, int away);
+
+/* The puts are somebody's business now: a take of the image, which copies nothing. */
+void plcImageHandOver(plcImage *image);
+
+/* For whoever sends: see plcPutsTake, plcPutsDone. joins is called with the lock held. */
+unsigned plcImageTakePuts(plcImage *image, int (*joins)(void *arg, const plcPut *put),
+                          void *arg, void *values, void *mask);
+void plcImagePutsDone(plcImage *image);
+
+/* How many puts wait or are under way; their bits in mask, and what the image holds there, in
+ * values (both as large as the image, may be NULL). */
+unsigned plcImagePutsWaiting(plcImage *image, void *values, void *mask);
+
+/* All puts up to this number are through, or void; and how many were dropped (may be NULL)
+ * since the beginning, because too many waited. */
+epicsUInt64 plcImagePutsThrough(plcImage *image, epicsUInt64 *dropped);
 
 /* A new connection, where the PLC shows that it holds `shown` (as large as the image; NULL:
- * it does not show it): every bit that was ever written and differs counts as written now.
+ * it does not show it): every bit that was ever written, differs and does not wait is put
+ * before all that waits.
  * glue (may be NULL) has a byte per byte of the image, not 0: it belongs to the same value as
  * the byte before it. A value that was written whole is owed whole, as are the two bytes of a
  * register, so that it leaves as it was put.
  * Places that plcImageSet has set since are not ours any more, and do not count.
- * Returns 1 when there are such bits (the image is dirty then), else 0. */
+ * Returns 1 when a bit that was ever written differs, else 0. The image is dirty then. */
 int plcImageOwe(plcImage *image, const void *shown, const epicsUInt8 *glue);
 
 /* What was written since plcImageTake is no reason to send any more. Bits that were ever

@@ -297,16 +297,16 @@ static int takesNotes(plcReadback *r)
 
 /* No block is judged between the write and the note: the lock is held. */
 int plcReadbackWrite(plcReadback *r, plcImage *out, size_t offset, size_t length,
-                     const void *src, const void *mask, size_t *takes, epicsUInt64 now)
+                     const void *src, const void *mask, plcWritten *written, epicsUInt64 now)
 {
     int status;
 
     if (!takesNotes(r))
-        return plcImageWriteCounted(out, offset, length, src, mask, takes);
+        return plcImageWriteCounted(out, offset, length, src, mask, written);
     epicsMutexMustLock(r->lock);
-    status = plcImageWriteCounted(out, offset, length, src, mask, takes);
+    status = plcImageWriteCounted(out, offset, length, src, mask, written);
     if (status >= 0)
-        noteAll(r, out, offset, length, mask, *takes, now);
+        noteAll(r, out, offset, length, mask, written->takes, now);
     epicsMutexUnlock(r->lock);
     return status;
 }

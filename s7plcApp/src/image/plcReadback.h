@@ -53,7 +53,7 @@ void plcReadbackNote(plcReadback *readback, int on);
 /* plcImageWriteCounted into the output image, and a note for the places that it touches.
  * `now` is monotonic, ns. Any thread. */
 int plcReadbackWrite(plcReadback *readback, plcImage *out, size_t offset, size_t length,
-                     const void *src, const void *mask, size_t *takes, epicsUInt64 now);
+                     const void *src, const void *mask, plcWritten *written, epicsUInt64 now);
 
 /* The note alone, for a second list: those bits of the image were written just now, after it
  * had been taken `takes` times. */

@@ -269,6 +269,7 @@ static void release(devRecord *dev)
 {
     if (!dev)
         return;
+    devPutAbandon(dev);
     devFollowLeave(dev);
     devAwayLeave(dev);
     devSilentLeave(dev);
@@ -299,6 +300,7 @@ static void attach(dbCommon *prec)
         if (out && dev->faults)
             devAwayJoin(prec, dev);
         plcStationOnTake(dev->station, devFollowAll);
+        plcStationOnThrough(dev->station, devPutUpdate);
         enlist(prec, dev);
         if (!out && dev->statistic == NULL)
             devSilentJoin(prec, dev, running);
@@ -347,6 +349,7 @@ long devInit(int after)
     if (!after && running) {
         devFollowForget();
         devAwayForget();
+        devPutForget();
     }
     if (!after && (running || !neverScan))
         scanIoInit(&neverScan);
@@ -561,8 +564,8 @@ long devStore(dbCommon *prec, const void *bytes, const void *mask)
     devStampNow(prec);
     reason[0] = 0;
     dev->raised = 0;
-    dev->refused = (dev->shown ? plcStationWriteFollower : plcStationWrite)(
-                       dev->station, dev->offset, dev->length, bytes, mask, reason) != 0;
+    dev->refused = plcStationPut(dev->station, dev->offset, dev->length, bytes, mask, reason,
+                                 dev->shown != NULL, &dev->mark) != 0;
     if (dev->refused)
         return devRefuseWrite(prec, "%s", reason);
     devHasValue(dev);
@@ -570,7 +573,11 @@ long devStore(dbCommon *prec, const void *bytes, const void *mask)
         devWrote(dev, bytes, mask);
     if (dev->shown && !reason[0] && !plcStationTaken(dev->station))
         epicsSnprintf(reason, sizeof(reason), "waiting for the PLC's value");
-    return reason[0] ? devAway(prec, dev, reason) : devRefused(prec, dev);
+    if (reason[0])
+        dev->mark.number = 0; /* nobody knows when it will leave */
+    if (reason[0])
+        return devAway(prec, dev, reason);
+    return dev->mark.number ? 0 : devRefused(prec, dev); /* else the answer will say */
 }
 
 long devStoreInt(dbCommon *prec, epicsInt64 value, epicsUInt64 mask)

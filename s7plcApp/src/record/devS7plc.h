@@ -63,6 +63,10 @@ typedef struct devRecord {
     int following;     /* the record processes in order to follow, not to write */
     int takes;         /* plcStationTakes when it followed last */
     int refused;       /* the write that runs was refused by the station */
+    /* outputs that are active until the PLC has taken or refused their put */
+    plcPutMark mark; /* of the last put; number 0: the record does not wait */
+    ELLNODE putNode; /* in the list of those, while `putWaits` */
+    int putWaits;
     /* outputs whose value waits for the PLC, or was refused by it */
     ELLNODE awayNode; /* in the list of records that wait, while `waits` */
     int waits;
@@ -157,6 +161,26 @@ int devFindStation(devRecord *dev, const char *name, plcLinkError *error);
 /* The link of a devStatistics record: @PLCname/name. Returns 0 or -1 with *error. */
 int devResolveStatistics(const char *recordType, devRecord *dev, const char *text,
                          plcLinkError *error);
+
+/* The same for one record, which is locked. */
+void devFollowOne(dbCommon *prec, plcStation *station);
+
+/* The record has just put dev->mark: returns 1 when it waits for the PLC (PACT is set), 0 when
+ * there is nothing to wait for. */
+int devPutWait(dbCommon *prec, devRecord *dev);
+
+/* The record waits no longer. Returns 1 when it did. */
+int devPutLeave(devRecord *dev);
+
+/* The record leaves us while it may wait: whoever waits for its put is told. */
+void devPutAbandon(devRecord *dev);
+
+/* The PLC has answered, or is gone: records whose put is through process to their end. In a
+ * callback thread. */
+void devPutUpdate(plcStation *station);
+
+/* After an IOC that has ended: none of its records waits. */
+void devPutForget(void);
 
 /* The value of an output is kept, but the PLC is away: raises COMM_ALARM, which ends when
  * the PLC is back. Returns -1; or 0 when the PLC has just come. */

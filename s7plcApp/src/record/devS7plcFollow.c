@@ -133,6 +133,12 @@ static void followRecord(dbCommon *prec, const plcStation *station, int takes)
     free(bytes);
 }
 
+void devFollowOne(dbCommon *prec, plcStation *station)
+{
+    if (plcStationTaken(station))
+        followRecord(prec, station, plcStationTakes(station));
+}
+
 static void followAll(plcStation *station)
 {
     size_t count, i;
@@ -208,22 +214,43 @@ void devWrote(devRecord *dev, const epicsUInt8 *bytes, const epicsUInt8 *mask)
     dev->known = 1;
 }
 
+/* The record that was active until now gets the alarm that the answer has brought. Without a
+ * put it has changed its link meanwhile. */
+static long putEnds(dbCommon *prec, devRecord *dev, char reason[PLC_REASON_SIZE])
+{
+    if (!dev || !dev->station || !dev->mark.number)
+        return 0;
+    dev->mark.number = 0;
+    return plcStationOutputConnected(dev->station, reason) ? devRefused(prec, dev)
+                                                           : devAway(prec, dev, reason);
+}
+
 long devWrite(dbCommon *prec)
 {
     const devSupport *support = (const devSupport *)prec->dset;
     devRecord *dev = prec->dpvt;
+    char reason[PLC_REASON_SIZE];
     long status;
 
     if (dev)
         dev->raised = 0; /* what it had raised ends with this processing */
+    if (prec->pact && !support->delays) /* the put is through */
+        return putEnds(prec, dev, reason);
     if (dev && dev->following) {
         dev->following = 0;
         takeValue(prec, dev);
         return devRefused(prec, dev);
     }
-    if (dev)
+    if (dev) {
         dev->refused = 0;
+        dev->mark.number = 0;
+    }
     status = support->write(prec);
+    if (dev && dev->mark.number) {
+        if (!support->delays && devPutWait(prec, dev))
+            return 0;
+        status = devRefused(prec, dev);
+    }
     /* A refused put goes back to the PLC's value, when that is known. */
     if (dev && dev->refused && dev->shown && dev->known)
         takeValue(prec, dev);

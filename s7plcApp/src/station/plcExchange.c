@@ -20,6 +20,12 @@
 /* Beyond what requests may take, until a worker that makes none is given up, ms. */
 #define SILENCE_MS 1000
 
+/* So many puts wait in their order; of more, the newest of each place. */
+#define PUTS_MAX 1000
+
+/* Until a callback is asked for again, ms. */
+#define ASK_AGAIN_MS 10
+
 void plcExchangeCreate(plcStation *s, const plcTransport *transport, const void *own,
                        unsigned line)
 {
@@ -41,7 +47,8 @@ void plcExchangeCreate(plcStation *s, const plcTransport *transport, const void 
     x->output = callocMustSucceed(3, s->outSize + 1, "plcExchangeCreate");
     x->image = x->output + s->outSize;
     x->mask = x->image + s->outSize;
-    plcImageTrackWrites(s->out);
+    plcImageKeepPuts(s->out, PUTS_MAX);
+    setup.out = s->out;
     x->pvt = transport->create(&setup, own);
     s->exchange = x;
 }
@@ -76,6 +83,8 @@ void plcExchangeDestroy(plcStation *s)
 void plcExchangeOptions(plcStation *s)
 {
     s->exchange->transport->options(s->exchange->pvt, &s->now);
+    epicsAtomicSetIntT(&s->acknowledges, s->now.complete == plcCompleteAcknowledged);
+    plcImageAllEdges(s->out, s->now.writes == plcWritesAll);
 }
 
 /* --- The connection -----------------------------------------------------------------------*/
@@ -138,13 +147,53 @@ void plcExchangeUp(plcStation *s)
     startWhenReady(s);
 }
 
-/* What waits has not reached the PLC, and nobody knows when it will. It is owed to the next
- * connection, as is all that the PLC does not show then. */
+/* How many puts wait. Too many: that is said once, until none waits. */
+static void countPuts(plcStation *s)
+{
+    plcExchange *x = s->exchange;
+    epicsUInt64 dropped;
+    unsigned waiting = plcImagePutsWaiting(s->out, NULL, NULL);
+
+    plcImagePutsThrough(s->out, &dropped);
+    epicsMutexMustLock(s->lock);
+    s->stats.putsWaiting = waiting;
+    s->stats.putsDropped += dropped - x->dropped;
+    epicsMutexUnlock(s->lock);
+    if (dropped != x->dropped && !x->saidDropped)
+        plcStationLog(s, errlogMinor,
+                      "puts come faster than the PLC takes them: of each place the newest "
+                      "is kept");
+    x->saidDropped = waiting && (x->saidDropped || dropped != x->dropped);
+    x->dropped = dropped;
+}
+
+/* Records that wait for their put are told, when it may be through. Where the queue of callbacks
+ * is full, the next step asks again. */
+static void tellThrough(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
+{
+    plcExchange *x = s->exchange;
+    epicsUInt64 through;
+
+    if (!s->through || !epicsAtomicGetIntT(&s->awaited))
+        return;
+    through = plcImagePutsThrough(s->out, NULL) + (epicsUInt64)epicsAtomicGetIntT(&s->outLosses);
+    if (through == x->told)
+        return;
+    if (epicsAtomicCmpAndSwapIntT(&s->telling, 0, 1) == 0 &&
+        callbackRequest(&s->throughCallback)) {
+        epicsAtomicSetIntT(&s->telling, 0);
+        plcEarlier(wake, now + plcMsToNs(ASK_AGAIN_MS));
+        return;
+    }
+    x->told = through;
+}
+
+/* What waits has not reached the PLC, and nobody knows when it will. */
 void plcExchangeLost(plcStation *s, const char *why)
 {
     plcExchange *x = s->exchange;
 
-    plcImageTakeChanges(s->out, x->image, x->mask);
+    plcImagePutsWaiting(s->out, x->image, x->mask);
     if (plcFaultsSet(x->outFaults, 0, s->outSize, x->mask, why))
         plcInputFollow(s, 0);
 }
@@ -156,6 +205,8 @@ void plcExchangeDown(plcStation *s)
     x->waiting = 0;
     x->sign = 0;
     x->transport->down(x->pvt);
+    plcImageAway(s->out, 1);
+    epicsAtomicIncrIntT(&s->outLosses);
     x->shown = x->unread = 0; /* no block may tell what the next connection is asked for */
     epicsAtomicSetIntT(&s->taken, 0);
 }
@@ -182,7 +233,8 @@ static void countNews(plcStation *s, const plcNews *news, epicsUInt64 now)
         s->stats.requestLatencyMax = news->latencyMax;
     if (news->writes)
         s->stats.lastSend = now;
-    if (news->idle && x->ordered) {
+    if (x->ordered && (x->transport->takesPuts ? !plcImagePutsWaiting(s->out, NULL, NULL)
+                                               : news->idle)) {
         plcStatsSend(&s->stats, (now - x->ordered) / PLC_NS_PER_MS);
         x->ordered = 0;
     }
@@ -241,6 +293,7 @@ static void outputsTake(plcStation *s, const char *shown)
         forgetFaults(s, shown);
     }
     bearFruit(s);
+    plcImageAway(s->out, 0);
     plcImageOwe(s->out, shown, whole);
     free(whole);
     s->dirtySince = 0;
@@ -294,7 +347,7 @@ static void watchWorker(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     plcLineLost(s, x->line, now, why);
 }
 
-void plcExchangeStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
+static void takeNews(plcStation *s, epicsUInt64 now)
 {
     plcExchange *x = s->exchange;
     plcNews news;
@@ -330,10 +383,33 @@ void plcExchangeStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     }
     if (s->lines[x->line].connection.state == plcConnectionUp && s->outSize)
         lookAtOutputs(s, now);
+}
+
+void plcExchangeStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
+{
+    takeNews(s, now);
+    countPuts(s);
+    tellThrough(s, now, wake);
     watchWorker(s, now, wake);
 }
 
 /* --- Orders -------------------------------------------------------------------------------*/
+
+static int always(void *arg, const plcPut *put)
+{
+    (void)arg, (void)put;
+    return 1;
+}
+
+/* For a transport that does not take puts one by one: their newest values, and their bits. */
+static void takeAll(plcStation *s)
+{
+    plcExchange *x = s->exchange;
+
+    memset(x->mask, 0, s->outSize);
+    while (plcImageTakePuts(s->out, always, NULL, x->image, x->mask))
+        plcImagePutsDone(s->out);
+}
 
 void plcExchangeOutputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
 {
@@ -358,10 +434,17 @@ void plcExchangeOutputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
         plcEarlier(wake, due);
         return;
     }
-    plcImageTakeChanges(s->out, x->image, x->mask);
-    x->transport->put(x->pvt, x->image, x->mask);
-    if (s->listener && s->listener->sent)
+    plcImageHandOver(s->out);
+    if (x->transport->takesPuts) {
+        x->transport->put(x->pvt, NULL, NULL);
+    } else {
+        takeAll(s);
+        x->transport->put(x->pvt, x->image, x->mask);
+    }
+    if (s->listener && s->listener->sent) {
+        plcImagePeek(s->out, 0, s->outSize, x->image);
         s->listener->sent(s->listenerPvt, x->image);
+    }
     if (!x->ordered)
         x->ordered = s->dirtySince;
     s->dirtySince = 0;

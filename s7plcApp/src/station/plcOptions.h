@@ -17,6 +17,9 @@ enum { plcWordsAsBytes, plcWordsHigh, plcWordsLow }; /* wordOrder= */
 enum { plcMaskRefuse, plcMaskRmw };        /* maskWrite= */
 enum { plcPassOwn, plcPassCallback };      /* scanThread= */
 
+enum { plcCompleteAcknowledged, plcCompleteSent }; /* complete= */
+enum { plcWritesNewest, plcWritesAll };    /* writes= */
+
 #define PLC_OFF (-1.0) /* an option with an offset or a register, not in use */
 
 typedef struct plcOptions {
@@ -43,6 +46,8 @@ typedef struct plcOptions {
     int map;               /* plcMapOff, ... of plcTables.h */
     double layoutAt;       /* offset of the PLC's in the input block, PLC_OFF */
     int wordOrder;         /* plcWordsAsBytes, ... */
+    int complete;          /* plcCompleteAcknowledged, plcCompleteSent */
+    int writes;            /* plcWritesNewest, plcWritesAll */
     double requestTimeout; /* ms, Modbus */
     int singleWrite;       /* 0 or 1, Modbus */
     int maskWrite;         /* plcMaskRefuse, plcMaskRmw; Modbus */

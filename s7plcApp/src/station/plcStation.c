@@ -414,14 +414,18 @@ void plcStationGate(plcStation *s)
     epicsMutexUnlock(s->lock);
 }
 
-static int writeOutput(plcStation *s, size_t offset, size_t length, const void *data,
-                       const void *mask, char reason[PLC_REASON_SIZE], int follows)
+int plcStationPut(plcStation *s, size_t offset, size_t length, const void *data,
+                  const void *mask, char reason[PLC_REASON_SIZE], int follows,
+                  plcPutMark *mark)
 {
     epicsUInt64 now = epicsMonotonicGet();
-    size_t takes;
-    int status = plcReadbackWrite(s->readback, s->out, offset, length, data, mask, &takes, now);
+    plcWritten written;
+    int status;
 
+    mark->losses = epicsAtomicGetIntT(&s->outLosses);
+    status = plcReadbackWrite(s->readback, s->out, offset, length, data, mask, &written, now);
     reason[0] = 0;
+    mark->number = 0;
     if (status < 0) {
         epicsMutexMustLock(s->lock);
         s->stats.refusedWrites++;
@@ -430,13 +434,49 @@ static int writeOutput(plcStation *s, size_t offset, size_t length, const void *
         return -1;
     }
     if (s->exchange)
-        plcReadbackWrote(s->exchange->tracked, s->out, offset, length, mask, takes, now);
+        plcReadbackWrote(s->exchange->tracked, s->out, offset, length, mask, written.takes,
+                         now);
     epicsAtomicSetIntT(follows ? &s->followed : &s->written, 1);
     if (status > 0)
         plcStationWake(s);
     if (plcStationOutputConnected(s, reason) && !follows && plcStationHeld(s))
         epicsSnprintf(reason, PLC_REASON_SIZE, "%s", plcStationHeldReason(s));
+    if (s->exchange && s->exchange->transport->takesPuts &&
+        epicsAtomicGetIntT(&s->acknowledges))
+        mark->number = written.number;
     return 0;
+}
+
+int plcStationThrough(plcStation *s, const plcPutMark *mark)
+{
+    return mark->losses != epicsAtomicGetIntT(&s->outLosses) ||
+           plcImagePutsThrough(s->out, NULL) >= mark->number;
+}
+
+static void throughNow(epicsCallback *callback)
+{
+    plcStation *s;
+
+    callbackGetUser(s, callback);
+    epicsAtomicSetIntT(&s->telling, 0);
+    s->through(s);
+}
+
+void plcStationOnThrough(plcStation *s, void (*through)(plcStation *station))
+{
+    epicsMutexMustLock(s->lock);
+    if (!s->through) {
+        callbackSetCallback(throughNow, &s->throughCallback);
+        callbackSetPriority(priorityMedium, &s->throughCallback);
+        callbackSetUser(s, &s->throughCallback);
+        s->through = through;
+    }
+    epicsMutexUnlock(s->lock);
+}
+
+void plcStationAwait(plcStation *s, int more)
+{
+    epicsAtomicAddIntT(&s->awaited, more);
 }
 
 int plcStationListen(plcStation *s, const plcListener *listener, void *pvt)
@@ -529,13 +569,17 @@ void plcStationOnTake(plcStation *s, void (*follow)(plcStation *station))
 int plcStationWrite(plcStation *s, size_t offset, size_t length, const void *data,
                     const void *mask, char reason[PLC_REASON_SIZE])
 {
-    return writeOutput(s, offset, length, data, mask, reason, 0);
+    plcPutMark mark;
+
+    return plcStationPut(s, offset, length, data, mask, reason, 0, &mark);
 }
 
 int plcStationWriteFollower(plcStation *s, size_t offset, size_t length, const void *data,
                             const void *mask, char reason[PLC_REASON_SIZE])
 {
-    return writeOutput(s, offset, length, data, mask, reason, 1);
+    plcPutMark mark;
+
+    return plcStationPut(s, offset, length, data, mask, reason, 1, &mark);
 }
 
 int plcStationTakes(plcStation *s)

@@ -109,6 +109,26 @@ plcImage *plcStationOutput(plcStation *station); /* never NULL */
 int plcStationWrite(plcStation *station, size_t offset, size_t length, const void *data,
                     const void *mask, char reason[PLC_REASON_SIZE]);
 
+/* A put on its way, where the wire acknowledges it and the option complete=acknowledged is set;
+ * else its number is 0. */
+typedef struct plcPutMark {
+    epicsUInt64 number;
+    int losses; /* of the connection before it */
+} plcPutMark;
+
+/* As plcStationWrite, or (follows) as plcStationWriteFollower, with the mark. */
+int plcStationPut(plcStation *station, size_t offset, size_t length, const void *data,
+                  const void *mask, char reason[PLC_REASON_SIZE], int follows,
+                  plcPutMark *mark);
+
+/* 1 when the PLC has taken or refused the put, or the connection was lost since. */
+int plcStationThrough(plcStation *station, const plcPutMark *mark);
+
+/* through(station) is called in a callback thread when puts may be through, while somebody
+ * waits for one (plcStationAwait with 1, until the same with -1). */
+void plcStationOnThrough(plcStation *station, void (*through)(plcStation *station));
+void plcStationAwait(plcStation *station, int more);
+
 /* The same for a place with a read-back: on each connection the PLC's value comes first, so
  * that nothing of what was written before leaves with it. */
 int plcStationWriteFollower(plcStation *station, size_t offset, size_t length,

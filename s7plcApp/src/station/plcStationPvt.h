@@ -42,6 +42,9 @@ typedef struct plcExchange {
     int shown;             /* `output` is news that nobody has looked at yet */
     int unread;            /* the PLC does not show its outputs */
     epicsUInt64 ordered;   /* when the oldest put under way was made; 0: none is */
+    epicsUInt64 told;      /* up to where all was through when that was last told */
+    epicsUInt64 dropped;   /* puts, since the beginning */
+    int saidDropped;       /* that there are too many */
     int users;             /* plcUsersChanges when the worker was told where values lie */
     epicsUInt64 sign;      /* the last request was through then; 0: there is none to come */
 } plcExchange;
@@ -88,6 +91,12 @@ struct plcStation {
     void (*follow)(plcStation *);
     int follows; /* atomic: the two are set, since there are records that follow */
     int following;                /* atomic: the callback is queued */
+    epicsCallback throughCallback;
+    void (*through)(plcStation *); /* NULL: nobody waits for puts to be through */
+    int telling;      /* atomic: the callback is queued */
+    int awaited;      /* atomic: so many puts are waited for */
+    int outLosses;    /* atomic: how often the output's connection was lost */
+    int acknowledges; /* atomic: complete=acknowledged */
     int tell;                     /* atomic: it is wanted, by another thread than ours */
     plcScan *inScan, *outScan, *statusScan, *statsScan;
     plcUsers *users;

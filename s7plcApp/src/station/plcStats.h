@@ -38,6 +38,7 @@ typedef struct plcStats {
     epicsUInt32 mapCrc;         /* of our table, 0 = there is none */
     epicsUInt32 mapPlcCrc;      /* of the table that the PLC works with, 0 = none */
     char mapReason[PLC_TEXT_SIZE]; /* why the PLC does not work with ours */
+    unsigned putsWaiting;       /* for an acknowledging wire */
     int outputConnected;        /* 1: outputs go somewhere; over Modbus this may be another
                                    connection than that of the blocks */
     char lastError[PLC_TEXT_SIZE];
@@ -68,6 +69,7 @@ typedef struct plcStats {
     epicsUInt64 disconnects;    /* connections lost */
     epicsUInt64 connectErrors;  /* attempts that failed */
     epicsUInt64 clockErrors;    /* blocks whose PLC clock was nonsense */
+    epicsUInt64 putsDropped;    /* because too many waited: a newer one of its place is kept */
     epicsUInt64 requests;       /* Modbus: all that were sent */
     epicsUInt64 exceptions;     /* of them the PLC refused */
     epicsUInt64 requestTimeouts; /* of them it did not answer */

@@ -38,7 +38,7 @@ typedef struct plcNews {
                                    * this begins or changes; shown is 0 then) */
     int inFaults, outFaults;   /* 1: something changed in these */
     char log[PLC_REASON_SIZE + 80]; /* a line for the log, "": none. Transitions only */
-    int idle;                  /* all puts that were ordered are through (or refused) */
+    int idle;                  /* without takesPuts: all puts are through (or refused) */
     /* counts since the last call */
     unsigned requests, exceptions, timeouts;
     epicsUInt64 bytesIn, bytesOut; /* of requests and answers, with their headers */
@@ -52,7 +52,8 @@ typedef struct plcTransportSetup {
     const char *name;        /* of the PLC; stays where it is */
     int bigEndian;           /* byte order of 16-bit words in both images; 1: MSB first */
     size_t inSize;           /* bytes of the input image; 0: input comes by another way */
-    size_t outSize;          /* bytes of the output image */
+    plcImage *out;           /* the output image, which keeps its puts; outSize bytes */
+    size_t outSize;
     plcFaults *inFaults;     /* where refused reads are put down; NULL with inSize 0 */
     plcFaults *outFaults;    /* and refused or unanswered writes, bit by bit */
     void (*wake)(void *arg); /* there may be news: any thread; no lock is held */
@@ -93,8 +94,11 @@ typedef struct plcTransport {
      * blocks or shown are not 0. Returns 0 when there is none. */
     int (*news)(void *pvt, plcNews *news, void *input, void *output);
 
-    /* Puts: the bits of `image` that are set in `mask`, both outSize bytes. They join what
-     * was handed over before and has not left. */
+    /* takesPuts 1: there are puts in the output image; the worker takes them, in their order,
+     * until none is left (plcImageTakePuts, plcImagePutsDone); image and mask are NULL.
+     * 0: puts are the bits of `image` that are set in `mask`, both outSize bytes. They join
+     * what was handed over before and has not left. */
+    int takesPuts;
     void (*put)(void *pvt, const void *image, const void *mask);
 
     /* Lines for s7plcReport: `where` is "host:port", `state` "connected" or why not. Any

@@ -1,0 +1,74 @@
+/* Puts on their way: what records have put into an output image and the PLC does not have yet,
+ * in the order in which it was put.
+ *
+ * Knows bytes and bits; no records, no wire, no time. Not for several threads at once: the
+ * image that owns the puts locks. The bytes of a put are its own copy.
+ *
+ *   add ->  [ waiting: first in, first out ]  -> take -> [ under way ] -> done
+ *                                             <--------- back (connection lost)
+ *
+ * A value that follows directly on one for the same place takes its place, unless every one
+ * of them is to be seen (edges). Nothing else changes the order.
+ */
+#ifndef INC_plcPuts_H
+#define INC_plcPuts_H
+
+#include <stddef.h>
+
+#include <epicsTypes.h>
+
+typedef struct plcPuts plcPuts;
+
+/* A look at one. */
+typedef struct plcPut {
+    size_t offset, length;   /* bytes of the image */
+    const epicsUInt8 *data;  /* length bytes */
+    const epicsUInt8 *mask;  /* the bits that count; NULL: all */
+} plcPut;
+
+/* For an image of `size` bytes. More than `most` puts are not kept in their order: of each
+ * place the newest remains, and what is dropped is counted. */
+plcPuts *plcPutsCreate(size_t size, unsigned most);
+void plcPutsDestroy(plcPuts *puts);
+
+/* edges: 1: the PLC shall see this value, and the one before it. Returns the number of the
+ * put, 1 or more, growing. */
+epicsUInt64 plcPutsAdd(plcPuts *puts, const plcPut *put, int edges);
+
+/* The PLC is away (1): from now on there is one put of each place, the newest, where it was
+ * made; what waits is thinned out like that too. 0: it is back. */
+void plcPutsAway(plcPuts *puts, int away);
+
+/* These bits are not to be put any more. mask NULL: all of them. */
+void plcPutsVoid(plcPuts *puts, size_t offset, size_t length, const void *mask);
+void plcPutsVoidAll(plcPuts *puts);
+
+/* Before all that waits: the bits of image that are set in mask (both as large as the image)
+ * and in no put that waits. Returns 1 when there were any. */
+int plcPutsOwe(plcPuts *puts, const void *image, const void *mask);
+
+/* Takes what may leave together, from the front: the first put, and the next ones as long as
+ * joins() says so for each (NULL: only the first); never one that changes a bit that is taken
+ * with it. Their bits are set in values and mask, as large as the image; other bits of these
+ * stay as they are. They are under way then. Returns their count. Nothing is taken while
+ * something is under way: then, too, it returns 0. */
+unsigned plcPutsTake(plcPuts *puts, int (*joins)(void *arg, const plcPut *put), void *arg,
+                     void *values, void *mask);
+
+/* What was under way is through (acknowledged or refused) / waits again, at the front. */
+void plcPutsDone(plcPuts *puts);
+void plcPutsBack(plcPuts *puts);
+
+/* How many wait or are under way. */
+unsigned plcPutsCount(const plcPuts *puts);
+
+/* Sets in mask (as large as the image) the bits of all that wait or are under way. */
+void plcPutsBits(const plcPuts *puts, void *mask);
+
+/* All puts up to this number are through, or void. */
+epicsUInt64 plcPutsThrough(const plcPuts *puts);
+
+/* How many were dropped because there were too many, since the beginning. */
+epicsUInt64 plcPutsDropped(const plcPuts *puts);
+
+#endif /* INC_plcPuts_H */

@@ -1,0 +1,162 @@
+/* Output records that wait for the PLC: over a wire that acknowledges puts a record is active
+ * (PACT) from its put until the PLC has taken or refused it, so that put-callbacks, sequences
+ * and forward links come after that, with the alarm that the answer brought.
+ *
+ * A record stays active for no other reason: when the connection is lost, or its link changes,
+ * it ends at once. The value itself is in the output image.
+ */
+#include <stdlib.h>
+
+#include <callback.h>
+#include <cantProceed.h>
+#include <dbAccess.h>
+#include <dbLock.h>
+#include <dbNotify.h>
+#include <epicsMutex.h>
+#include <epicsThread.h>
+#include <errlog.h>
+
+#include "devS7plc.h"
+
+/* Records that wait, of all stations, in the order of their puts. The lock is only held to look
+ * at the list or to change it, never while a record is locked by us or processes. */
+static ELLLIST waiting = ELLLIST_INIT;
+static epicsMutexId lock;
+static epicsThreadOnceId once = EPICS_THREAD_ONCE_INIT;
+
+static void initOnce(void *arg)
+{
+    (void)arg;
+    lock = epicsMutexMustCreate();
+}
+
+static void enter(void)
+{
+    epicsThreadOnce(&once, initOnce, NULL);
+    epicsMutexMustLock(lock);
+}
+
+/* The record processes to its end. It is locked. */
+static void finish(dbCommon *prec)
+{
+    prec->rset->process(prec);
+}
+
+/* The list is unlocked. A record that is in it may have a put that is through already: it is
+ * looked at again after it has joined. */
+int devPutWait(dbCommon *prec, devRecord *dev)
+{
+    if (!dev->mark.number || plcStationThrough(dev->station, &dev->mark))
+        return 0;
+    enter();
+    dev->prec = prec;
+    dev->putWaits = 1;
+    ellAdd(&waiting, &dev->putNode);
+    epicsMutexUnlock(lock);
+    plcStationAwait(dev->station, 1);
+    if (!plcStationThrough(dev->station, &dev->mark)) {
+        prec->pact = TRUE;
+        return 1;
+    }
+    return devPutLeave(dev) ? 0 : (prec->pact = TRUE, 1); /* else it is being finished */
+}
+
+int devPutLeave(devRecord *dev)
+{
+    int waits;
+
+    enter();
+    waits = dev->putWaits;
+    if (waits)
+        ellDelete(&waiting, &dev->putNode);
+    dev->putWaits = 0;
+    epicsMutexUnlock(lock);
+    if (waits)
+        plcStationAwait(dev->station, -1);
+    return waits;
+}
+
+void devPutForget(void)
+{
+    enter();
+    ellInit(&waiting);
+    epicsMutexUnlock(lock);
+}
+
+/* Takes out a record whose put is through, or NULL. */
+static dbCommon *takeOut(plcStation *station)
+{
+    dbCommon *prec = NULL;
+    ELLNODE *node;
+
+    enter();
+    for (node = ellFirst(&waiting); node && !prec; node = ellNext(node)) {
+        devRecord *dev = CONTAINER(node, devRecord, putNode);
+
+        if (dev->station != station || !plcStationThrough(station, &dev->mark))
+            continue;
+        ellDelete(&waiting, &dev->putNode);
+        dev->putWaits = 0;
+        prec = dev->prec;
+        break;
+    }
+    epicsMutexUnlock(lock);
+    if (prec)
+        plcStationAwait(station, -1);
+    return prec;
+}
+
+/* In a callback thread. The record may have got another link before it is locked. */
+void devPutUpdate(plcStation *station)
+{
+    dbCommon *prec;
+
+    while ((prec = takeOut(station))) {
+        devRecord *dev;
+
+        dbScanLock(prec);
+        dev = prec->dpvt;
+        if (prec->pact && dev && dev->station == station && dev->mark.number &&
+            !dev->putWaits) {
+            finish(prec);
+            devFollowOne(prec, station);
+        }
+        dbScanUnlock(prec);
+    }
+}
+
+/* --- A record whose link changes while it waits -------------------------------------------
+ *
+ * Base itself makes it inactive when it gets its new link; but whoever put with a callback still
+ * waits. */
+
+static void endNotify(epicsCallback *callback)
+{
+    dbCommon *prec;
+
+    callbackGetUser(prec, callback);
+    free(callback);
+    dbScanLock(prec);
+    if (!prec->pact && prec->ppn)
+        dbNotifyCompletion(prec);
+    dbScanUnlock(prec);
+}
+
+void devPutAbandon(devRecord *dev)
+{
+    dbCommon *prec = dev->prec;
+    epicsCallback *callback;
+
+    if (!dev->mark.number || !prec || !prec->pact)
+        return;
+    devPutLeave(dev);
+    callback = callocMustSucceed(1, sizeof(*callback), "devPutAbandon");
+    callbackSetCallback(endNotify, callback);
+    callbackSetPriority(prec->prio, callback);
+    callbackSetUser(prec, callback);
+    if (callbackRequest(callback)) {
+        errlogSevPrintf(errlogMajor, "%s: its put callback is lost: the callback queue is full\n",
+                        prec->name);
+        free(callback);
+    }
+}

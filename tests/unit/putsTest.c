@@ -1,0 +1,267 @@
+/* Puts on their way: their order, which of them take the place of others, and what leaves
+ * together; at last a random walk against a plain list. */
+#include <stdlib.h>
+#include <string.h>
+
+#include <epicsUnitTest.h>
+#include <testMain.h>
+
+#include "plcPuts.h"
+
+enum { size = 8 };
+
+static epicsUInt8 values[size], mask[size];
+
+static epicsUInt64 add(plcPuts *p, size_t offset, const char *data, const char *bits,
+                       int edges)
+{
+    plcPut put = {offset, strlen(data), (const epicsUInt8 *)data, (const epicsUInt8 *)bits};
+
+    return plcPutsAdd(p, &put, edges);
+}
+
+/* What leaves next, as text: a letter for each byte that is put, '.' for the others. */
+static const char *next(plcPuts *p, int (*joins)(void *, const plcPut *), void *arg)
+{
+    static char text[size + 1];
+    int i;
+
+    memset(mask, 0, size);
+    if (!plcPutsTake(p, joins, arg, values, mask))
+        return "";
+    for (i = 0; i < size; i++)
+        text[i] = mask[i] ? (char)values[i] : '.';
+    plcPutsDone(p);
+    return text;
+}
+
+static int always(void *arg, const plcPut *put)
+{
+    (void)arg;
+    (void)put;
+    return 1;
+}
+
+/* Joins what begins where the last one ended. */
+static int neighbours(void *arg, const plcPut *put)
+{
+    size_t *end = arg, before = *end;
+
+    *end = put->offset + put->length;
+    return put->offset == before;
+}
+
+static void order(void)
+{
+    plcPuts *p = plcPutsCreate(size, 100);
+    size_t end = 0;
+
+    add(p, 4, "A", NULL, 0);
+    add(p, 0, "B", NULL, 0);
+    add(p, 4, "C", NULL, 0);
+    testOk(plcPutsCount(p) == 3, "three puts wait");
+    testOk(!strcmp(next(p, NULL, NULL), "....A..."), "the first leaves first");
+    testOk(!strcmp(next(p, NULL, NULL), "B......."), "then the second");
+    testOk(!strcmp(next(p, NULL, NULL), "....C..."), "then the third, to the place of the first");
+    testOk(!strcmp(next(p, NULL, NULL), ""), "then nothing");
+    add(p, 1, "A", NULL, 0);
+    add(p, 1, "B", NULL, 0);
+    testOk(plcPutsCount(p) == 1 && !strcmp(next(p, NULL, NULL), ".B......"),
+           "a value that follows directly on another takes its place");
+    add(p, 1, "A", NULL, 1);
+    add(p, 1, "B", NULL, 1);
+    testOk(plcPutsCount(p) == 2, "but not where every value counts");
+    testOk(!strcmp(next(p, always, NULL), ".A......") && !strcmp(next(p, always, NULL), ".B......"),
+           "and both of a bit never leave together");
+    add(p, 1, "A", NULL, 1);
+    add(p, 1, "A", NULL, 1);
+    testOk(plcPutsCount(p) == 1, "the same value twice is one");
+    plcPutsVoidAll(p);
+    add(p, 0, "AB", NULL, 0);
+    add(p, 2, "C", NULL, 0);
+    add(p, 4, "D", NULL, 0);
+    end = size;
+    testOk(!strcmp(next(p, neighbours, &end), "ABC....."), "neighbours leave together");
+    testOk(!strcmp(next(p, neighbours, &end), "....D..."), "then who is none");
+    add(p, 0, "AB", NULL, 0);
+    add(p, 1, "B", NULL, 0);
+    testOk(!strcmp(next(p, always, NULL), "AB......"), "what changes nothing may join");
+    plcPutsDestroy(p);
+}
+
+static void bits(void)
+{
+    plcPuts *p = plcPutsCreate(size, 100);
+
+    add(p, 0, "\x01", "\x01", 1);
+    add(p, 0, "\xfe", "\x02", 1);
+    memset(mask, 0, size);
+    testOk(plcPutsTake(p, always, NULL, values, mask) == 2 && mask[0] == 3 &&
+               (values[0] & 3) == 3,
+           "bits of one byte leave together");
+    plcPutsDone(p);
+    add(p, 0, "\x01", "\x01", 1);
+    add(p, 0, "\xfe", "\x01", 1);
+    memset(mask, 0, size);
+    testOk(plcPutsTake(p, always, NULL, values, mask) == 1 && (values[0] & 1) == 1,
+           "a pulse: set");
+    testOk(plcPutsTake(p, always, NULL, values, mask) == 0, "nothing leaves meanwhile");
+    plcPutsDone(p);
+    testOk(plcPutsTake(p, always, NULL, values, mask) == 1 && (values[0] & 1) == 0,
+           "then cleared");
+    plcPutsDone(p);
+    plcPutsDestroy(p);
+}
+
+static void numbers(void)
+{
+    plcPuts *p = plcPutsCreate(size, 100);
+    epicsUInt64 a, b, c;
+
+    testOk(plcPutsThrough(p) == 0, "nothing is through");
+    a = add(p, 0, "A", NULL, 0);
+    b = add(p, 0, "B", NULL, 0);
+    c = add(p, 1, "C", NULL, 0);
+    testOk(a == 1 && b == 2 && c == 3, "puts are numbered");
+    testOk(plcPutsThrough(p) == 0, "a value whose place was taken is not through");
+    next(p, NULL, NULL);
+    testOk(plcPutsThrough(p) == b, "but is when the other is");
+    memset(mask, 0, size);
+    plcPutsTake(p, NULL, NULL, values, mask);
+    testOk(plcPutsThrough(p) == b, "what is under way is not through");
+    plcPutsBack(p);
+    testOk(plcPutsThrough(p) == b && plcPutsCount(p) == 1, "nor when it waits again");
+    plcPutsVoid(p, 1, 1, NULL);
+    testOk(plcPutsThrough(p) == c && plcPutsCount(p) == 0, "what is void is through");
+    plcPutsDestroy(p);
+}
+
+static void reconnect(void)
+{
+    plcPuts *p = plcPutsCreate(size, 100);
+    size_t end = size;
+
+    add(p, 3, "A", NULL, 1);
+    add(p, 1, "B", NULL, 1);
+    add(p, 3, "C", NULL, 1);
+    memset(mask, 0, size);
+    plcPutsTake(p, NULL, NULL, values, mask);
+    plcPutsBack(p);
+    plcPutsAway(p, 1);
+    testOk(plcPutsCount(p) == 2, "of each place the newest waits for the PLC");
+    add(p, 1, "D", NULL, 1);
+    testOk(plcPutsCount(p) == 2, "also of what is put meanwhile");
+    memset(mask, 0, size);
+    plcPutsBits(p, mask);
+    testOk(!memcmp(mask, "\0\xff\0\xff\0\0\0\0", size), "which bits wait is known");
+    plcPutsAway(p, 0);
+    testOk(plcPutsOwe(p, "abcdefgh", "\xff\xff\0\0\0\0\0\xff") == 1,
+           "what the PLC has lost is owed");
+    testOk(!strcmp(next(p, neighbours, &end), "a......h"),
+           "it leaves first, but for what was put since");
+    testOk(!strcmp(next(p, neighbours, &end), "...C...."), "then what was put");
+    testOk(!strcmp(next(p, neighbours, &end), ".D......"), "in its order");
+    testOk(plcPutsOwe(p, "abcdefgh", "\0\0\0\0\0\0\0\0") == 0, "nothing is owed");
+    plcPutsDestroy(p);
+}
+
+static void tooMany(void)
+{
+    plcPuts *p = plcPutsCreate(size, 4);
+    int i;
+
+    for (i = 0; i < 20; i++) {
+        char text[2] = {(char)('a' + i), 0};
+
+        add(p, i % 2 ? 5 : 2, text, NULL, 1);
+    }
+    testOk(plcPutsCount(p) <= 5 && plcPutsDropped(p) > 0, "too many: they are thinned out");
+    testOk(plcPutsDropped(p) + plcPutsCount(p) == 20, "and what was dropped is counted");
+    while (plcPutsCount(p) > 2)
+        next(p, NULL, NULL);
+    testOk(!strcmp(next(p, NULL, NULL), "..s.....") && !strcmp(next(p, NULL, NULL), ".....t.."),
+           "the newest of each place are there");
+    plcPutsDestroy(p);
+}
+
+/* Whatever happens: bits leave with the values that were put, in their order, and at the end
+ * the PLC holds the newest of each. */
+static void randomWalk(unsigned seed)
+{
+    plcPuts *p = plcPutsCreate(size, 50);
+    epicsUInt8 plc[size] = {0}, want[size] = {0}, sent[size], bits[size];
+    int away = 0, wrong = 0, round;
+
+    srand(seed);
+    for (round = 0; round < 2000; round++) {
+        int what = rand() % 10;
+
+        if (what < 5) {
+            size_t offset = (size_t)rand() % size, length = 1 + (size_t)rand() % (size - offset);
+            epicsUInt8 data[size], some[size];
+            size_t i;
+            int masked = rand() % 2;
+            plcPut put = {offset, length, data, masked ? some : NULL};
+
+            for (i = 0; i < length; i++) {
+                data[i] = (epicsUInt8)rand();
+                some[i] = masked ? (epicsUInt8)(1 << rand() % 8) : 0xff;
+                want[offset + i] = (epicsUInt8)((want[offset + i] & ~some[i]) |
+                                                (data[i] & some[i]));
+            }
+            plcPutsAdd(p, &put, rand() % 2);
+        } else if (what < 8 && !away) {
+            size_t i;
+
+            memset(bits, 0, size);
+            memcpy(sent, plc, size);
+            plcPutsTake(p, rand() % 2 ? always : NULL, NULL, sent, bits);
+            if (rand() % 4 == 0) {
+                plcPutsBack(p);
+                continue;
+            }
+            for (i = 0; i < size; i++)
+                plc[i] = (epicsUInt8)((plc[i] & ~bits[i]) | (sent[i] & bits[i]));
+            plcPutsDone(p);
+        } else if (what == 8) {
+            away = !away;
+            plcPutsAway(p, away);
+        } else if (what == 9) {
+            epicsUInt8 all[size];
+            size_t i;
+
+            for (i = 0; i < size; i++)
+                all[i] = plc[i] ^ want[i];
+            memset(bits, 0, size);
+            plcPutsBits(p, bits);
+            for (i = 0; i < size; i++)
+                wrong += (all[i] & ~bits[i]) != 0;
+        }
+    }
+    while (plcPutsCount(p)) {
+        size_t i;
+
+        memset(bits, 0, size);
+        plcPutsTake(p, NULL, NULL, sent, bits);
+        for (i = 0; i < size; i++)
+            plc[i] = (epicsUInt8)((plc[i] & ~bits[i]) | (sent[i] & bits[i]));
+        plcPutsDone(p);
+    }
+    testOk(!wrong && !memcmp(plc, want, size), "a random walk ends with the newest values");
+    plcPutsDestroy(p);
+}
+
+MAIN(putsTest)
+{
+    unsigned i;
+
+    testPlan(84);
+    order();
+    bits();
+    numbers();
+    reconnect();
+    tooMany();
+    for (i = 0; i < 50; i++)
+        randomWalk(i);
+    return testDone();
+}
