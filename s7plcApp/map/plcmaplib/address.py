@@ -7,7 +7,7 @@ WIDTHS = {"X": 1, "B": 1, "W": 2, "D": 4}
 MAX_DB = 65535
 MAX_BYTE = 65535
 
-_DB = re.compile(r"^%?DB(\d+)\.(?:DB)?([XBWD])(\d+)(?:\.(\d+))?$", re.I)
+_DB = re.compile(r"^%?DB(\d+)\.DB([XBWD])(\d+)(?:\.(\d+))?$", re.I)
 _AREA = re.compile(r"^%?([MIQEA])([BWDX]?)(\d+)(?:\.(\d+))?$", re.I)
 _PERIPHERAL = re.compile(r"^%?P[IQEA][BWD]?\d+$|^%[IQEA][BWD]?\d+:P$", re.I)
 # what looks like an address but is none must not pass for a symbol

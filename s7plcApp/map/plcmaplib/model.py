@@ -89,6 +89,7 @@ class Map:
         self.plc_rows = {}
         self.enums = {}
         self.types = {}
+        self.broken = set()  # types that cannot be laid out: their rows are left out
         self.rows = []
         self._leaves = self._dirs = None
         self._stale = False
@@ -262,14 +263,16 @@ class Map:
 
     def _check_types(self):
         """Types that can be laid out, and whose fields do not overlap."""
-        for typedef in self.types.values():
+        for key, typedef in self.types.items():
             try:
                 placed, _ = self.layout.fields(Named(typedef.name))
             except TypeProblem as e:
                 self.report.error(typedef.row.place("type"), "type", str(e))
+                self.broken.add(key)
                 continue
             except RecursionError:
                 self.report.error(typedef.row.place("type"), "type", "types nest too deep")
+                self.broken.add(key)
                 continue
             taken = {}
             rows = [f.row for f in typedef.fields if f.type]
@@ -305,6 +308,8 @@ class Map:
         name = kind.element if isinstance(kind, Array) else kind
         if isinstance(name, Named) and column == "type" and name.name.upper() not in self.types:
             self.report.error(row.place(column), column, self._unknown(name.name))
+            return None
+        if isinstance(name, Named) and name.name.upper() in self.broken:
             return None
         if isinstance(name, Named) and column == "ftype" and not self._will_have(name.name):
             self.report.error(row.place(column), column, self._unknown(name.name))

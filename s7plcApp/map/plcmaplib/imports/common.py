@@ -37,7 +37,7 @@ _SPACES = re.compile(r"\s+")
 _SIEMENS = re.compile(r"^%?(P?)([IQMEA])([BWDX]?)(\d+)(?:\.(\d+))?(:P)?$", re.I)
 _BLOCK = re.compile(r"^%?(DB|FB|FC|SFC|SFB|OB|UDT|VAT|DI|SDB)(\d+)$", re.I)
 _TIMER = re.compile(r"^%?[TCZ](\d+)$", re.I)
-_DB = re.compile(r"^%?DB(\d+)\.(?:DB)?([XBWD])(\d+)(?:\.(\d+))?$", re.I)
+_DB = re.compile(r"^%?DB(\d+)\.DB([XBWD])(\d+)(?:\.(\d+))?$", re.I)
 GERMAN = {"E": "I", "A": "Q"}
 
 
