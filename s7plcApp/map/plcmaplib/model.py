@@ -395,7 +395,38 @@ class Map:
         """Places of fields have changed."""
         self.layout = Layout({key: [(f.name, f.type, f.at) for f in t.fields if f.type]
                               for key, t in self.types.items()})
+        for key, typedef in self.types.items():
+            self.layout.types[key] = self._appended([f for f in typedef.fields if f.type])
         self._leaves = self._dirs = None
+
+    def _appended(self, fields):
+        """(name, type, at) of a type's fields. Where some are pinned the others come behind
+        them, in their order; where none is, at None leaves it to the rules."""
+        if all(f.at is None for f in fields) or all(f.at is not None for f in fields):
+            return [(f.name, f.type, f.at) for f in fields]
+        try:
+            sizes = [self.layout.size(f.type) for f in fields]
+        except (TypeProblem, RecursionError):  # told where the type is looked at
+            return [(f.name, f.type, f.at) for f in fields]
+        end, free = 0, (0, 8)  # the byte behind all; the byte of the last bits, its next bit
+        for field, size in zip(fields, sizes):
+            if field.at is not None and field.at[0] + size >= end:
+                end = field.at[0] + size
+                bit = field.at[1]
+                same = free[1] if free[0] == field.at[0] and free[1] < 8 else 0
+                free = (field.at[0], 8 if bit is None else max(same, bit + 1))
+        found = []
+        for field, size in zip(fields, sizes):
+            at = field.at
+            if at is None and isinstance(field.type, Elementary) and field.type.kind == "bool":
+                at = free if free[1] < 8 and free[0] == end - 1 else (end, 0)
+                free = (at[0], at[1] + 1)
+            elif at is None:
+                at = (end + (0 if self.layout.anywhere(field.type) else end & 1), None)
+                free = (0, 8)
+            end = max(end, at[0] + size)
+            found.append((field.name, field.type, at))
+        return found
 
     def dirs_of(self, item):
         """The directions of a row's values: {"in", "out", "cmd"}."""

@@ -108,7 +108,8 @@ def place(map_, grow=False):
         lines += _release(map_)
     rooms = {side: Room(map_, side) for side in ("rx", "tx")}
     mirror = map_.number("readback")
-    for item in map_.rows:
+    rows = sorted(map_.rows, key=_in_memory)
+    for item in rows:
         if item.type is None:
             continue
         dirs = map_.dirs_of(item)
@@ -123,7 +124,7 @@ def place(map_, grow=False):
         for byte in range(low, mirror + end):
             if not rooms["tx"].taken[byte]:
                 rooms["tx"].claim(byte, None, 1)
-    for item in map_.rows:
+    for item in rows:
         if item.type is None or item.tx is not None or item.row.get("tx"):
             continue
         dirs = map_.dirs_of(item)
@@ -132,6 +133,15 @@ def place(map_, grow=False):
         elif "in" in dirs or ("out" in dirs and needs_readback(map_)):
             lines += _fill(map_, rooms["tx"], item)
     return lines
+
+
+def _in_memory(item):
+    """New rows get their places in the order of PLC memory, so that few pointer rows move them;
+    what has no address there, in the order of the map."""
+    a = item.address
+    if a is None or not a.area:
+        return (1, "", 0, 0, 0)
+    return (0, a.area, a.db, a.byte, a.bit or 0)
 
 
 def _is_bit(item):
@@ -195,41 +205,12 @@ def place_fields(map_):
         blank = [f for f in fields if f.at is None and not f.row.get("at")]
         if not blank:
             continue
-        if len(blank) == len(fields):
-            placed = map_.layout.fields(Named(typedef.name))[0]
-            for field, (_, _, byte, bit) in zip(fields, placed):
+        placed = map_.layout.fields(Named(typedef.name))[0]
+        for field, (_, _, byte, bit) in zip(fields, placed):
+            if field in blank:
                 lines.append(_pin(typedef, field, byte, bit))
-            continue
-        lines += _append_fields(map_, typedef, fields, blank)
     if lines:
         map_.relay()
-    return lines
-
-
-def _append_fields(map_, typedef, fields, blank):
-    """New fields of a type with pinned ones go to its end, in their order."""
-    lines = []
-    end, bits = 0, {}
-    for field in fields:
-        if field.at is None:
-            continue
-        byte, bit = field.at
-        if bit is not None:
-            bits[byte] = max(bits.get(byte, -1), bit)
-        size = map_.size_of(field.type)
-        end = max(end, byte + size)
-    for field in blank:
-        is_bool = isinstance(field.type, Elementary) and field.type.kind == "bool"
-        if is_bool and bits.get(end - 1, 7) < 7:
-            byte, bit = end - 1, bits[end - 1] + 1
-        elif is_bool:
-            byte, bit = end, 0
-        else:
-            byte, bit = end + (end & 1 if not map_.layout.anywhere(field.type) else 0), None
-        if bit is not None:
-            bits[byte] = bit
-        end = max(end, byte + map_.size_of(field.type))
-        lines.append(_pin(typedef, field, byte, bit))
     return lines
 
 

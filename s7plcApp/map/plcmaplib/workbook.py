@@ -60,6 +60,7 @@ def read_cells(path, report):
         width = _width(tab)
         rows = []
         other = formulas[name]
+        last_row, last_column = other.max_row or 0, other.max_column or 0
         for merged in getattr(tab, "merged_cells", None).ranges if tab.merged_cells else []:
             if merged.min_row > 1:
                 report.warning(Place(path, merged.min_row, merged.min_col, name), None,
@@ -68,9 +69,8 @@ def read_cells(path, report):
             texts = []
             for number, value in enumerate(cells, 1):
                 place = Place(path, line, number, name)
-                if value is None and line <= other.max_row:
-                    formula = other.cell(line, number).value if number <= other.max_column \
-                        else None
+                if value is None and line <= last_row and number <= last_column:
+                    formula = other.cell(line, number).value
                     if isinstance(formula, str) and formula.startswith("="):
                         report.warning(place, None, "the formula %s was never calculated: open "
                                        "the file and save it" % formula[:40])
