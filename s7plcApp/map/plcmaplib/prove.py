@@ -23,6 +23,7 @@ from .provevalues import same, sim_type, values
 PATIENCE = 30.0  # s for anything to happen
 SETTLE = 10.0   # s until values agree
 BATCH = 400      # console commands at a time
+QUICK = 20       # ms from block to block: values are proved, not times
 PROBES = "plcmap:prove:"
 SHOWN = 40       # differences that are printed
 
@@ -33,11 +34,12 @@ class Simulator:
     def __init__(self, program, file, folder):
         self.path = os.path.join(folder, "plc.sock")
         self.log = open(os.path.join(folder, "plcSim.log"), "w+")
-        self.process = subprocess.Popen(
-            [program, "-n", "-a", "127.0.0.1", "-p", "0", "-o", "modbus_port=0", "-c", self.path,
-             file] if self._modbus(file) else
-            [program, "-n", "-a", "127.0.0.1", "-p", "0", "-c", self.path, file],
-            stdin=subprocess.DEVNULL, stdout=self.log, stderr=subprocess.STDOUT)
+        words = [program, "-n", "-a", "127.0.0.1", "-p", "0", "-o", "period=%d" % QUICK, "-c",
+                 self.path]
+        if self._modbus(file):
+            words += ["-o", "modbus_port=0"]
+        self.process = subprocess.Popen(words + [file], stdin=subprocess.DEVNULL, stdout=self.log,
+                                        stderr=subprocess.STDOUT)
         self.text = self._wait_for("console on")
         self.port = self._port(r"listening on .*:(\d+)$", "Modbus")
         self.modbus = self._port(r"Modbus listening on .*:(\d+)$", None)
@@ -218,6 +220,7 @@ class Proof:
         self.memory = Memory(map_)
         self.compared = 0
         self.differences = []
+        self.failed = set()  # what has differed: it is not waited for again
         self.cases = []
         for number, leaf in enumerate(l for l in map_.leaves() if l.pv):
             made = records(map_, leaf)
@@ -274,7 +277,8 @@ class Proof:
         while True:
             found = read(list(open_))
             left = {n: v for n, v in open_.items() if not same(v, found.get(n))}
-            if not left or time.monotonic() > end:
+            if not set(left) - self.failed or time.monotonic() > end:
+                self.failed |= set(left)
                 for name, value in expected:
                     self.note(name, value, found.get(name) if name in left else value)
                 return
@@ -302,7 +306,7 @@ class Proof:
         def read(names):
             # a bit of a command goes back by itself; a put may have met a check of the PLC
             ioc.run([p for p, e in zip(puts, expected) if e[0] in names])
-            time.sleep(0.15)
+            time.sleep(2.5 * QUICK / 1000)
             return {n: _answer(a, leaves[n]) for n, a in zip(names, sim.ask(names))}
         self.settle(read, expected)
         if back:
@@ -386,7 +390,9 @@ def _script(map_, folder, program, name):
     path = os.path.join(folder, "prove.cmd")
     with open(path, "w") as f:
         f.write('dbLoadDatabase("%s")\ns7plcIoc_registerRecordDeviceDriver pdbbase\n< %s.cmd\n'
-                'dbLoadRecords("probes.db")\niocInit\n' % (dbd, name))
+                's7plcSetOption "%s" sendInterval %d\ns7plcSetOption "%s" readPeriod 100\n'
+                'dbLoadRecords("probes.db")\niocInit\n'
+                % (dbd, name, map_.plc["name"], QUICK, map_.plc["name"]))
     return path
 
 

@@ -7,13 +7,15 @@ from ..address import Address
 from ..transfer import layout_id, transfers
 from .records import quoted
 
+TABLES = 20        # of the three data blocks for tables that the IOC brings
+OWN = 6            # data blocks of the simulated PLC's own
 SYMBOLS = 1000     # number of the first data block that is free for symbols
 
 
 def _first_free(map_):
     used = {l.address.db for l in map_.leaves() if l.address is not None and l.address.area == "DB"}
     number = SYMBOLS
-    while number in used:
+    while used & set(range(number, number + OWN)):
         number += 1
     return number
 
@@ -135,6 +137,9 @@ def simulator(map_, head, crc):
                   "watchdog  = %s ms" % plc["watchdog"]]
     if map_.on("download"):
         lines.append("map       = on")
+        first = TABLES if not set(memory.blocks()) & set(range(TABLES, TABLES + 3)) \
+            else memory.symbols + 3
+        lines.append("map_db    = %d" % first)
     if wire != "block":
         lines += ["modbus_port = %s" % (plc["port"] or "502" if wire == "modbus" else "502"),
                   "modbus_unit = %s" % plc["unit"]]

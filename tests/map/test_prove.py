@@ -1,0 +1,93 @@
+"""plcmap prove: plcSim and the IOC, both from what a map makes, agree in every value; and it sees
+when they do not. Larger maps by hand: PLCMAP_PROVE=5000."""
+import os
+import re
+
+import pytest
+
+import maps
+import tank as example
+from conftest import TOP, plcmap
+
+BIN = next((p.parent for p in TOP.glob("bin/*/s7plcIoc")), None)
+pytestmark = pytest.mark.skipif(BIN is None, reason="the tree is not built")
+LARGE = int(os.environ.get("PLCMAP_PROVE", "0"))
+
+
+def proved(folder):
+    """(values, comparisons, differences) of a run."""
+    result = plcmap("prove", folder, "--bin", BIN)
+    m = re.search(r"(\d+) values in \d+ rounds: (\d+) comparisons, (\d+) differ", result.out)
+    assert m, result.out + result.err
+    assert (result.status == 0) == (m.group(3) == "0")
+    return [int(g) for g in m.groups()] + [result.out]
+
+
+def test_example(tank):
+    """The worked example"""
+    values, comparisons, differ, out = proved(tank)
+    assert (values, differ) == (27, 0) and comparisons > 1000, out
+
+
+PLANTS = {
+    "setpoints one by one": (80, 31, {}),
+    "all setpoints mirrored, little-endian": (80, 32, {"readback": "0", "byteorder": "little"}),
+    "no handshake": (60, 33, {"sync": "off", "layout_at": "0"}),
+    "blocks in, Modbus out": (60, 34, {"wire": "block-modbus", "sync": "off"}),
+    "Modbus": (60, 35, {"wire": "modbus", "sync": "off"}),
+}
+
+
+def made(folder, count, seed, plc):
+    rows = maps.rows(count, seed)
+    if "readback" in plc:
+        rows = [r for r in rows if r["dir"] != "cmd"]
+    maps.write(folder, rows, plc)
+    assert plcmap("place", folder).status == 0
+    return folder
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_plants(tmp_path, name):
+    """{name}"""
+    values, comparisons, differ, out = proved(made(tmp_path / "p", *PLANTS[name]))
+    assert values > 60 and comparisons > 20 * values and differ == 0, out
+
+
+def test_symbols(tmp_path):
+    """A PLC with symbols instead of addresses"""
+    rows = [{"symbol": "A%d" % i, "plc": "Tank.A%d" % i, "type": kind, "pv": "A%d" % i,
+             "dir": "out" if i % 2 else "in"}
+            for i, kind in enumerate(["INT", "BOOL", "REAL", "DWORD", "BYTE", "STRING[12]", "LREAL",
+                                      "ARRAY[1..3] OF INT"])]
+    folder = maps.write(tmp_path / "p", rows, {"family": "none"})
+    assert plcmap("place", folder).status == 0
+    values, _, differ, out = proved(folder)
+    assert (values, differ) == (8, 0), out
+
+
+def test_it_sees(tank, monkeypatch):
+    """A record that looks at the wrong byte is found, with its name"""
+    from plcmaplib.outputs import records
+    link = records.link
+
+    def wrong(map_, leaf, side, base=None):
+        text = link(map_, leaf, side, base)
+        return text.replace("/58 ", "/60 ") if leaf.symbol == "Tank.Level" else text
+    monkeypatch.setattr(records, "link", wrong)
+    result = plcmap("prove", tank, "--bin", BIN, "--patience", "0.3")
+    assert result.status == 1 and "tank:Level: expected" in result.out
+
+
+@pytest.mark.skipif(not LARGE, reason="PLCMAP_PROVE=5000")
+def test_large(tmp_path):
+    """As many rows as PLCMAP_PROVE says"""
+    _, comparisons, differ, out = proved(made(tmp_path / "p", LARGE, 6, {}))
+    assert comparisons > 50 * LARGE and differ == 0, out
+
+
+def test_no_programs(tank, tmp_path):
+    """Programs that are not there are told"""
+    result = plcmap("prove", tank, "--bin", tmp_path)
+    assert result.status == 1 and "no plcSim; --bin names the folder" in result.err
+    assert example.MAP
