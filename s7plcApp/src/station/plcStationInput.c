@@ -419,7 +419,7 @@ static int outputsFollow(plcStation *s, const void *block, epicsUInt64 now)
     int todo, same;
 
     if (!epicsAtomicGetIntT(&s->running))
-        return 1;
+        return plcTablesLook(s, block);
     if (!s->now.sync && plcReadbackCount(s->readback)) {
         if (!epicsAtomicGetIntT(&s->taken))
             takeShown(s, block);

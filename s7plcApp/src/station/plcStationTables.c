@@ -5,6 +5,7 @@
  */
 #include <string.h>
 
+#include <epicsAtomic.h>
 #include <epicsStdio.h>
 #include <errlog.h>
 
@@ -111,7 +112,9 @@ int plcTablesLook(plcStation *s, const void *block)
 
     if (s->now.map == plcMapOff)
         return 1;
-    good = plcTablesBlock(t, block, s->bigEndian);
+    /* Before PINI is over nothing may leave, so that nothing is begun. */
+    good = epicsAtomicGetIntT(&s->running) ? plcTablesBlock(t, block, s->bigEndian)
+                                           : plcTablesSame(t, block, s->bigEndian);
     show(s);
     if (!good)
         plcSyncMap(&s->sync, block,

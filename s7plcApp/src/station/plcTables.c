@@ -105,23 +105,34 @@ static unsigned number(const epicsUInt8 *bytes, size_t size, int bigEndian)
     return (unsigned)plcGetInt(plcTypeOf(plcUnsigned, size), bytes, bigEndian);
 }
 
-/* Returns 1 when anything but its flags is other than in the block before. */
-static int readStatus(plcTables *t, const epicsUInt8 *b, int bigEndian)
+static void readStatus(plcTablesStatus *status, const epicsUInt8 *b, int bigEndian)
 {
-    plcTablesStatus now, before = t->plc;
+    memset(status, 0, sizeof(*status));
+    status->version = b[4];
+    status->state = b[5];
+    status->error = b[6];
+    status->row = b[7];
+    status->crc = number(b + 8, 4, bigEndian);
+    status->expected = number(b + 12, 2, bigEndian);
+    status->session = b[14];
+    status->rows = b[15] * 8;
+}
 
-    memset(&now, 0, sizeof(now));
-    now.version = b[4];
-    now.state = b[5];
-    now.error = b[6];
-    now.row = b[7];
-    now.crc = number(b + 8, 4, bigEndian);
-    now.expected = number(b + 12, 2, bigEndian);
-    now.session = b[14];
-    now.rows = b[15] * 8;
-    t->plc = now;
-    t->remote = (b[0] & plcFlagRemote) != 0;
-    return memcmp(&now, &before, sizeof(now)) != 0;
+/* The PLC works with our table. */
+static int isOurs(const plcTables *t, const plcTablesStatus *plc)
+{
+    return plc->version == 1 && t->table && plc->state != plcMapNone && plc->crc == t->crc;
+}
+
+int plcTablesSame(const plcTables *t, const void *block, int bigEndian)
+{
+    const epicsUInt8 *b = block;
+    plcTablesStatus plc;
+
+    if (t->mode == plcMapOff || !(b[0] & plcFlagMap))
+        return 1;
+    readStatus(&plc, b, bigEndian);
+    return isOurs(t, &plc);
 }
 
 static unsigned rowsOf(const plcTables *t)
@@ -221,8 +232,8 @@ static int mayTryAgain(const plcTables *t)
 
 int plcTablesBlock(plcTables *t, const void *block, int bigEndian)
 {
+    const plcTablesStatus before = t->plc;
     const epicsUInt8 *b = block;
-    int changed;
 
     if (t->mode == plcMapOff || t->state == plcTablesDisconnected)
         return 1;
@@ -230,17 +241,18 @@ int plcTablesBlock(plcTables *t, const void *block, int bigEndian)
         become(t, plcTablesFixed, "");
         return 1;
     }
-    changed = readStatus(t, b, bigEndian);
+    readStatus(&t->plc, b, bigEndian);
+    t->remote = (b[0] & plcFlagRemote) != 0;
     if (t->plc.version != 1) {
         become(t, plcTablesMismatch, "");
         epicsSnprintf(t->reason, sizeof(t->reason), "tables of version %d, known: 1",
                       t->plc.version);
-    } else if (t->table && t->plc.state != plcMapNone && t->plc.crc == t->crc) {
+    } else if (isOurs(t, &t->plc)) {
         become(t, plcTablesEqual, "");
         t->attempts = 0;
         return 1;
     } else if (t->state >= plcTablesBeginning && t->state <= plcTablesCommitting) {
-        download(t, changed);
+        download(t, memcmp(&t->plc, &before, sizeof(before)) != 0);
     } else if (mayTryAgain(t)) {
         begin(t);
     }

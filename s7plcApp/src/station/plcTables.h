@@ -98,6 +98,9 @@ void plcTablesLost(plcTables *tables);
  * a block has to leave now. */
 int plcTablesBlock(plcTables *tables, const void *block, int bigEndian);
 
+/* The same question without a step: nothing changes. */
+int plcTablesSame(const plcTables *tables, const void *block, int bigEndian);
+
 /* True while blocks go out that belong to a download: those, and heartbeats. */
 int plcTablesMaySend(const plcTables *tables);
 
