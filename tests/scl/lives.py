@@ -204,14 +204,38 @@ def times(both):
     both.plc.cycle()
     assert not get("IE_COMMS_DB.SENDING")
     both.plc.wire.stuck = False
-    for _ in range(20):
+    count = len(sent)
+    for _ in range(40):
         both.plc.cycle()
-    assert sent[-1][1] < 5
+    assert [block[1] for block in sent[count:]][:3] == [0, 1, 2]
     put("IE_COMMS_DB.SENDING", True)
     both.plc.wire.stuck = both.plc.wire.pending = True
     both.plc.wire.connected = False
     both.plc.cycle()
     assert not get("IE_COMMS_DB.SENDING")
+
+
+def anew(both):
+    """BEGIN, and a new connection, wipe out error and row of the table that was refused."""
+    bad = table(1, [tx(10, 0, 12, 16), tx(11, 0, 1, 28), tx(12, 0, 1, 29)], [])
+    for again in (lambda: both.cycle(tables.command(tables.BEGIN, 10)), both.cut):
+        assert load(both, bad, 9)[:3] == (REFUSED, 5, 2)
+        again()
+        assert both.plc.status()[1:3] == (0, 0)
+        for _ in range(13):
+            both.cycle()
+
+
+def slow(both):
+    """A download may last as long as it likes while parts come."""
+    both.tables.add(crc_of(OTHER))
+    for block in tables.download(OTHER, 9):
+        both.cycle(block)
+        both.cycle()
+        both.cycle(ms=2500)
+    for _ in range(30):
+        both.cycle()
+    assert both.plc.status()[3] == crc_of(OTHER)
 
 
 def local(both):
@@ -352,7 +376,7 @@ def table_and_data(both):
     assert not both.plc.sync and bytes(both.plc.memory(10)) == before
 
 
-ALL = (sizes, pieces, layouts, local, watchdog, hmi_while_sending, connection, spoilt_head,
+ALL = (sizes, pieces, layouts, anew, slow, local, watchdog, hmi_while_sending, connection, spoilt_head,
        edges, both_tables, commands, aborts, quiet, times, restarts, errors_of_pointers,
        table_and_data)
 

@@ -287,10 +287,49 @@ def test_random_lives(program, step):
     episodes.run(program, step, range(count))
 
 
+# Changes that nobody can see, by a part of their line, and why.
+HARMLESS = {
+    "ARRAY [4..": "names of bytes: the block is as long, rounded up to even",
+    "ARRAY [16..47]": "the same",
+    "Flags : BYTE;  Counter : BYTE;  Layout : WORD;": "IE_ACC and IE_HELD are compared as bytes",
+    "CRC : DWORD;": "it is written as bytes, and read nowhere by name",
+    "Status.Version := B#16#01;": "OB100 sets it too",
+    "MAP.Status.Version := B#16#1;": "it is there from the beginning",
+    "COUNT0 := 0;  COUNT := 0;": "so that each is written before it is read; the loop sets them",
+    "AREA := DW#16#0;": "the same",
+    "AND DW#16#0003FFFF": "the lowest bit of a bit address is shifted out",
+    "AND DW#16#00FC0000": "a bit within a byte was refused before",
+    "IF ISRX THEN FIRST := ROWSTX": "an RX row and a TX row never write the same block",
+    "FOR OTHER := 0 TO ROWSTX - 1": "the source of an RX row is IE_RX, which no setpoint is in",
+    "FAULT := 1": "any number but 0 is a fault here",
+    "IF ROWSTX >= 0 AND ROWSRX >= 0 AND": "of numbers that are not sane the CRC is wrong, too",
+    "MAP.TailPos := 0;": "the check of the table in use begins a little later or earlier",
+    "IF MAP.Status.Expected < 10": "the third of these lines refuses it with the same error",
+    "ELSIF ROWSTX > 32 OR ROWSRX > 32": "PART has refused a table of so many rows",
+    "MAP.NextRow := -1": "any negative number",
+    "IF COUNT > 64": "how much is checked in a cycle",
+    "IF COUNT > 4": "the same",
+    "IF SIZE < 10 OR SIZE > 650": "the CRC finds it as well, later",
+    "MAP.Status.InUse := DW#16#0": "the next cycle does it",
+    "ROWS := 0; END_IF;": "MAP_LOAD finds a number of rows that is spoilt in the same cycle",
+    "IF ERR <> 0 THEN LAST := ERR": "errors of BLKMOV are negative",
+    "FIRST := 0;  ROWS := 0;": "one of two tables is in use when this is called",
+    "TO FROM + SRC.Count - 1": "both counts of a row are equal",
+    "PERIOD    : TIME": "shorter than a cycle",
+    "WAS_CONNECTED : BOOL;": "a BYTE holds a BOOL, and compares as one",
+    "IE_RX.Block.Flags AND B#16#02": "CHECK was asked for before, and LOCAL has no SYNC",
+    "AG_SEND(ACT := FALSE": "without ACT it only asks how far it is",
+    "LEN := 48, DONE := DONE": "the same",
+    "INFO : ARRAY": "what the CPU says at a start is not read",
+    "RESTART := TRUE, REMOTE := FALSE": "RESTART alone decides what is done",
+    "LATE := FALSE);": "the same",
+}
+
+
 def test_mutants(step):
     """slips of the keyboard in the loader do not compile, or its bytes differ from plcSim's
 
-    PLCLINK_MUTANTS: each how-manieth is tried, 101 by default here.
+    PLCLINK_MUTANTS: each how-manieth is tried, 101 by default here; 1 takes ten minutes.
     """
     number = int(os.environ.get("PLCLINK_MUTANTS", "101"))
     refused = failed = 0
@@ -304,10 +343,11 @@ def test_mutants(step):
             refused += 1
             continue
         if survives(text, program, step):
-            left.append(f"{pos[0]}: {what}: {TEXT.splitlines()[pos[0] - 1].strip()}")
+            left.append((what, TEXT.splitlines()[pos[0] - 1].strip()))
         else:
             failed += 1
-    print(f"{refused} refused, {failed} noticed, {len(left)} not\n" + "\n".join(left))
+    print(f"{refused} refused, {failed} noticed, {len(left)} without effect")
+    assert [spot for spot in left if not any(part in spot[1] for part in HARMLESS)] == []
     assert refused + failed >= 4 * len(left)
 
 
