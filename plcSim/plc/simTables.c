@@ -10,42 +10,14 @@
 #include <cantProceed.h>
 
 #include "simTables.h"
+#include "simTablesRow.h"
 
-#define CRC_BYTES 64  /* of a new table that a cycle checks */
-#define TAIL_BYTES 4  /* of the table in use */
+#define CRC_BYTES 64   /* of a new table that a cycle checks */
+#define TAIL_BYTES 4   /* of the table in use */
 #define PART_PAUSE 5.0 /* s without a part that end a download */
-#define COUNT_MAX 1024 /* bytes of a row */
-#define OWN_DBS 4      /* MAP_A and MAP_B, and what stands behind them in a real PLC */
-#define ACCEPTED_DB 5  /* IE_ACC of a real PLC, and IE_HELD */
-#define HELD_DB 6
-#define FLAGS_MAX 16384
 #define KEPT_CRC 4     /* where MAP has them, as in the SCL */
 #define KEPT_ACTIVE 12
 #define KEPT_SIZE 32
-
-enum {
-    errorNone,
-    errorPointer,
-    errorArea,
-    errorBit,
-    errorMissing,
-    errorForbidden,
-    errorEnd,
-    errorLengths,
-    errorOurs,
-    errorTwice,
-    errorHidden,
-    errorSession = 20,
-    errorGap,
-    errorPart,
-    errorIncomplete,
-    errorCrc,
-    errorCommand,
-    errorLocked,
-    errorLocal,
-    errorRows,
-    errorLate
-};
 
 enum { cmdBegin = 1, cmdPart, cmdCommit, cmdAbort };
 
@@ -69,7 +41,8 @@ int simTablesInit(simTables *t, unsigned db, char error[SIM_ERROR_SIZE])
     }
     t->kept = simMemoryAdd(t->memory, SIM_AREA_DB, db + 2, KEPT_SIZE, "MAP");
     if (!t->kept)
-        return simFail(error, "MAP cannot be DB%u: there is such a block already", db + 2);
+        return simFail(error, "MAP cannot be DB%u: there is such a block already",
+                       db + 2);
     return 0;
 }
 
@@ -86,7 +59,9 @@ static void recall(simTables *t)
     unsigned number = (unsigned)simGetInt(t->kept->bytes + KEPT_ACTIVE, 2, 1);
 
     t->inUse = (epicsUInt32)simGetInt(t->kept->bytes + KEPT_CRC, 4, 1);
-    t->active = number == t->table[0]->number ? 0 : number == t->table[1]->number ? 1 : -1;
+    t->active = number == t->table[0]->number   ? 0
+                : number == t->table[1]->number ? 1
+                                                : -1;
 }
 
 void simTablesFree(simTables *t)
@@ -137,31 +112,17 @@ int simTablesAllow(simTables *t, char **words, size_t count, char error[SIM_ERRO
 
 /* ---- bytes of a table ---- */
 
-static int number16(const epicsUInt8 *bytes) /* as an INT of the PLC */
-{
-    return (epicsInt16)simGetInt(bytes, 2, 1);
-}
-
-static int rowsTx(const simBlock *table)
-{
-    return number16(table->bytes + 2);
-}
-
-static int rowsRx(const simBlock *table)
-{
-    return number16(table->bytes + 4);
-}
-
 static int rowsFit(const simTables *t, const simBlock *table)
 {
-    int tx = rowsTx(table), rx = rowsRx(table), most = (int)t->rows;
+    int tx = simTableRowsTx(table), rx = simTableRowsRx(table), most = (int)t->rows;
 
     return tx >= 0 && rx >= 0 && tx <= most && rx <= most - tx;
 }
 
 static int sizeOf(const simBlock *table)
 {
-    return SIM_TABLE_HEAD + (rowsTx(table) + rowsRx(table)) * SIM_TABLE_ROW;
+    return SIM_TABLE_HEAD +
+           (simTableRowsTx(table) + simTableRowsRx(table)) * SIM_TABLE_ROW;
 }
 
 /* CRC-32 of some bytes, on top of sum; the table's own field counts as 0. */
@@ -181,149 +142,6 @@ static epicsUInt32 crcOf(const simBlock *table, int start, int count, epicsUInt3
 static epicsUInt32 crcOfAll(const simBlock *table)
 {
     return crcOf(table, 0, sizeOf(table), 0xffffffffu) ^ 0xffffffffu;
-}
-
-/* ---- the checks of a row ---- */
-
-typedef struct pointer {
-    unsigned head; /* syntax id and type */
-    int count, number, start;
-    epicsUInt32 address;
-    unsigned area;
-} pointer;
-
-static pointer pointerAt(const simBlock *table, int row, int side)
-{
-    const epicsUInt8 *b =
-        table->bytes + SIM_TABLE_HEAD + row * SIM_TABLE_ROW + side * SIM_TABLE_ROW / 2;
-    pointer p;
-
-    p.head = (unsigned)simGetInt(b, 2, 1);
-    p.count = number16(b + 2);
-    p.number = number16(b + 4);
-    p.address = (epicsUInt32)simGetInt(b + 6, 4, 1);
-    p.area = p.address >> 24;
-    p.start = (int)((p.address & 0x3ffff) >> 3);
-    return p;
-}
-
-static int isOwn(const simTables *t, int number)
-{
-    int first = (int)t->table[0]->number;
-
-    return number == (int)t->tx->number || number == (int)t->rx->number ||
-           number == ACCEPTED_DB || number == HELD_DB || (number >= first && number < first + OWN_DBS);
-}
-
-static int isAllowed(const simTables *t, const pointer *p, int write)
-{
-    size_t i;
-
-    for (i = 0; i < t->allowCount; i++) {
-        const simAllow *a = &t->allows[i];
-
-        if (a->block->area == p->area && (int)a->block->number == p->number &&
-            (a->write || !write) && p->start >= (int)a->start &&
-            p->start + p->count <= (int)(a->start + a->size))
-            return 1;
-    }
-    return 0;
-}
-
-static int checkForeign(const simTables *t, const pointer *p, int write)
-{
-    const simBlock *block;
-
-    if (p->area == SIM_AREA_M) {
-        if (p->start > FLAGS_MAX - p->count)
-            return errorEnd;
-    } else {
-        if (isOwn(t, p->number))
-            return errorForbidden;
-        block = p->number > 0
-                    ? simMemoryFind(t->memory, SIM_AREA_DB, (unsigned)p->number)
-                    : NULL;
-        if (!block)
-            return errorMissing;
-        if (p->start > (epicsInt16)block->size - p->count)
-            return errorEnd;
-    }
-    return isAllowed(t, p, write) ? errorNone : errorForbidden;
-}
-
-static int checkSide(const simTables *t, const pointer *p, int isRx, int ours)
-{
-    const simBlock *block = isRx ? t->rx : t->tx;
-    int head = isRx ? 4 : SIM_TABLES_STATUS;
-
-    if (p->head != 0x1002 || p->count < 1 || p->count > COUNT_MAX)
-        return errorPointer;
-    if (p->area != SIM_AREA_DB && (p->area != SIM_AREA_M || ours || p->number))
-        return errorArea;
-    if (p->address & 7)
-        return errorBit;
-    if (p->address & 0xfc0000)
-        return errorEnd;
-    if (!ours)
-        return checkForeign(t, p, isRx);
-    return p->number == (int)block->number && p->start >= head &&
-                   p->start <= (int)block->size - p->count
-               ? errorNone
-               : errorOurs;
-}
-
-static int sameBlock(const pointer *a, const pointer *b)
-{
-    return a->area == b->area && a->number == b->number;
-}
-
-static int overlap(const simBlock *table, int first, int row, const pointer *target)
-{
-    int other;
-
-    for (other = first; other < row; other++) {
-        pointer p = pointerAt(table, other, 1);
-
-        if (sameBlock(&p, target) && target->start < p.start + p.count &&
-            p.start < target->start + target->count)
-            return 1;
-    }
-    return 0;
-}
-
-/* A TX row has all bytes that this RX row sets. */
-static int isShown(const simBlock *table, const pointer *target)
-{
-    int other;
-
-    for (other = 0; other < rowsTx(table); other++) {
-        pointer p = pointerAt(table, other, 0);
-
-        if (sameBlock(&p, target) && p.start <= target->start &&
-            target->start + target->count <= p.start + p.count)
-            return 1;
-    }
-    return 0;
-}
-
-static int checkRow(const simTables *t, const simBlock *table, int row)
-{
-    int isRx = row >= rowsTx(table), side, error;
-    pointer p[2];
-
-    for (side = 0; side < 2; side++) {
-        p[side] = pointerAt(table, row, side);
-        error = checkSide(t, &p[side], isRx, isRx == (side == 0));
-        if (error)
-            return error;
-    }
-    if (p[0].count != p[1].count)
-        return errorLengths;
-    if (overlap(table, isRx ? rowsTx(table) : 0, row, &p[1]))
-        return errorTwice;
-    if (isRx && !isShown(table, &p[1]))
-        return errorHidden;
-    return errorNone;
 }
 
 /* ---- the loader ---- */
@@ -373,11 +191,12 @@ static int commit(simTables *t)
 {
     const simBlock *table = spare(t);
 
-    if (t->expected < SIM_TABLE_HEAD || rowsTx(table) < 0 || rowsRx(table) < 0)
+    if (t->expected < SIM_TABLE_HEAD || simTableRowsTx(table) < 0 ||
+        simTableRowsRx(table) < 0)
         return errorIncomplete;
     if (!rowsFit(t, table))
         return errorRows;
-    if (rowsTx(table) + rowsRx(table) < 1 || t->expected != sizeOf(table))
+    if (simTableRowsTx(table) + simTableRowsRx(table) < 1 || t->expected != sizeOf(table))
         return errorIncomplete;
     t->state = simMapChecking;
     t->wanted = (epicsUInt32)simGetInt(t->rx->bytes + 12, 4, t->memory->bigEndian);
@@ -444,8 +263,8 @@ static int check(simTables *t)
         t->nextRow = 0;
         return (t->sum ^ 0xffffffffu) == t->wanted ? 0 : errorCrc;
     }
-    if (t->nextRow < rowsTx(table) + rowsRx(table)) {
-        error = checkRow(t, table, t->nextRow);
+    if (t->nextRow < simTableRowsTx(table) + simTableRowsRx(table)) {
+        error = simTableCheckRow(t, table, t->nextRow);
         t->row = t->nextRow++ & 0xff;
         return error;
     }
@@ -575,7 +394,7 @@ size_t simTablesRows(const simTables *t, int isTx)
 {
     const simBlock *table = t->active < 0 ? NULL : t->table[t->active];
 
-    return table ? (size_t)(isTx ? rowsTx(table) : rowsRx(table)) : 0;
+    return table ? (size_t)(isTx ? simTableRowsTx(table) : simTableRowsRx(table)) : 0;
 }
 
 epicsUInt8 *simTablesRow(const simTables *t, int isTx, size_t row)
@@ -583,7 +402,7 @@ epicsUInt8 *simTablesRow(const simTables *t, int isTx, size_t row)
     const simBlock *table = t->table[t->active];
 
     return table->bytes + SIM_TABLE_HEAD +
-           (row + (isTx ? 0 : (size_t)rowsTx(table))) * SIM_TABLE_ROW;
+           (row + (isTx ? 0 : (size_t)simTableRowsTx(table))) * SIM_TABLE_ROW;
 }
 
 unsigned simTablesLayout(const simTables *t)

@@ -5,13 +5,13 @@
  *
  *          4       5      6      7     8 .. 11     12 .. 13   14       15        16 ..
  *      +-------+-------+-------+-----+-----------+----------+---------+--------+------
- *      |version| state | error | row |CRC in use | expected | session | rows/8 | data    TX
+ *      |version| state | error | row |CRC in use | expected | session | rows/8 | data TX
  *      +-------+-------+-------+-----+-----------+----------+---------+--------+------
- *      |command|session|   offset    |  length   |    0     |     piece, CRC             RX
+ *      |command|session|   offset    |  length   |    0     |     piece, CRC RX
  *      +-------+-------+-------------+-----------+----------+-------------------------
  *
- * A table is in one of two data blocks: layout id, rows TX, rows RX (2 bytes each), CRC (4,
- * counted as 0), then 20 bytes for each row, TX first; big-endian always.
+ * A table is in one of two data blocks: layout id, rows TX, rows RX (2 bytes each), CRC
+ * (4, counted as 0), then 20 bytes for each row, TX first; big-endian always.
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */
@@ -21,8 +21,8 @@
 #include "simLog.h"
 #include "simMemory.h"
 
-#define SIM_TX_MAP 8        /* flag: bytes 4 to 15 tell of the tables */
-#define SIM_RX_TABLE 4      /* flag: a command to the loader */
+#define SIM_TX_MAP 8         /* flag: bytes 4 to 15 tell of the tables */
+#define SIM_RX_TABLE 4       /* flag: a command to the loader */
 #define SIM_TABLES_STATUS 16 /* bytes before the data of IE_TX */
 #define SIM_TABLE_HEAD 10
 #define SIM_TABLE_ROW 20
@@ -40,19 +40,19 @@ typedef struct simTables {
     const char *name; /* for the log */
     simMemory *memory;
     simBlock *tx, *rx;
-    unsigned rows;      /* that a table may have, a multiple of 8; 0 = there are no tables */
+    unsigned rows; /* that a table may have, a multiple of 8; 0 = there are no tables */
     simBlock *table[2]; /* MAP_A, MAP_B */
-    simBlock *kept;     /* MAP: which of them is in use, and its CRC; outlives a restart */
+    simBlock *kept; /* MAP: which of them is in use, and its CRC; outlives a restart */
     simAllow *allows;
     size_t allowCount;
-    int allow;          /* the key switch */
+    int allow; /* the key switch */
     /* state */
     int state, error, row, session, expected;
-    epicsUInt32 inUse;  /* CRC */
-    int active;         /* 0, 1; -1 = none */
+    epicsUInt32 inUse; /* CRC */
+    int active;        /* 0, 1; -1 = none */
     epicsUInt32 wanted, sum, tailSum;
     int position, nextRow, tailPos;
-    double pause;       /* s: when the silence in a download began, -1 = there is none */
+    double pause; /* s: when the silence in a download began, -1 = there is none */
     unsigned loads, refusals;
 } simTables;
 

@@ -1,5 +1,6 @@
-/* The program of plcSim, one cycle at a time: orders come on stdin, one a line, and each is
- * answered by one line. For tests that compare it with the same program in another language.
+/* The program of plcSim, one cycle at a time: orders come on stdin, one a line, and each
+ * is answered by one line. For tests that compare it with the same program in another
+ * language.
  *
  *   db <number> <bytes>                     makes a data block
  *   allow read|write <block> [<byte> <n>]   as in a .plc file
@@ -90,8 +91,8 @@ static int begin(char error[SIM_ERROR_SIZE])
 
 static void cycle(epicsUInt8 *bytes)
 {
-    simInputs in = {atof(words[1]) * 1e-3, atoi(words[2]), atoi(words[3]), 0,
-                    atoi(words[5]), NULL};
+    simInputs in = {
+        atof(words[1]) * 1e-3, atoi(words[2]), atoi(words[3]), 0, atoi(words[5]), NULL};
 
     program.tables.allow = atoi(words[4]);
     if (words[6][0] != '-' && bytesOf(words[6], bytes) == program.rx->size)
@@ -127,8 +128,8 @@ static int order(epicsUInt8 *bytes, char error[SIM_ERROR_SIZE])
     if (!strcmp(word, "put"))
         status = put(bytes, error);
     else if (!strcmp(word, "db"))
-        simMemoryAdd(&memory, SIM_AREA_DB, (unsigned)atoi(words[1]), (size_t)atoi(words[2]),
-                     "");
+        simMemoryAdd(&memory, SIM_AREA_DB, (unsigned)atoi(words[1]),
+                     (size_t)atoi(words[2]), "");
     else if (!strcmp(word, "allow"))
         status = simTablesAllow(&program.tables, words + 1, words[3][0] ? 4 : 2, error);
     else if (!strcmp(word, "tx") || !strcmp(word, "rx"))

@@ -1,7 +1,8 @@
-/* The PLC's table of pointers: between the step function (plcTables) and the station: which
- * states others see, log, counters, the row's name in a refusal.
+/* The PLC's table of pointers: between the step function (plcTables) and the station:
+ * which states others see, log, counters, the row's name in a refusal.
  *
- * Knows nothing of sockets. All functions but plcStationSetTable run in the station's thread.
+ * Knows nothing of sockets. All functions but plcStationSetTable run in the station's
+ * thread.
  */
 #include <string.h>
 
@@ -27,8 +28,10 @@ static void takeLayout(plcStation *s)
     char text[100];
 
     if (s->now.layout && s->now.layout != layout) {
-        epicsSnprintf(text, sizeof(text), "option layout is %.0f, the table has %u, which "
-                      "counts", s->now.layout, layout);
+        epicsSnprintf(text, sizeof(text),
+                      "option layout is %.0f, the table has %u, which "
+                      "counts",
+                      s->now.layout, layout);
         plcStationLog(s, errlogMajor, text);
     }
     plcSyncInit(&s->sync, (epicsUInt16)layout);
@@ -45,7 +48,8 @@ void plcTablesStart(plcStation *s)
     if (table)
         takeLayout(s);
     else
-        plcStationLog(s, errlogMajor, "option map is set, and there is no table: s7plcTables");
+        plcStationLog(s, errlogMajor,
+                      "option map is set, and there is no table: s7plcTables");
     epicsMutexMustLock(s->lock);
     s->stats.mapCrc = s->tables.crc;
     epicsMutexUnlock(s->lock);
@@ -67,8 +71,8 @@ static void logState(plcStation *s, int state, const char *reason)
     int bad = state == plcTablesRefused || state == plcTablesMismatch;
     char text[PLC_TEXT_SIZE + 60];
 
-    epicsSnprintf(text, sizeof(text), "table of pointers: %s%s%s", plcTablesStateName(state),
-                  reason[0] ? ": " : "", reason);
+    epicsSnprintf(text, sizeof(text), "table of pointers: %s%s%s",
+                  plcTablesStateName(state), reason[0] ? ": " : "", reason);
     plcStationLog(s, bad ? errlogMajor : errlogInfo, text);
 }
 

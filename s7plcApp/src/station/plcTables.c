@@ -13,6 +13,7 @@
 #define PATIENCE 100
 #define ATTEMPTS 3
 
+/* clang-format off */
 static const char *const stateNames[] = {
     [plcTablesDisconnected] = "disconnected",
     [plcTablesWaiting]      = "waiting",
@@ -24,32 +25,33 @@ static const char *const stateNames[] = {
     [plcTablesCommitting]   = "PLC checks",
     [plcTablesRefused]      = "refused",
 };
+/* clang-format on */
 
 static const struct {
     int error;
     const char *text;
 } errors[] = {
-    {0,  ""                                  },
-    {1,  "no pointer to 1 to 1024 bytes"     },
-    {2,  "area is neither DB nor M"          },
-    {3,  "not on a byte boundary"            },
-    {4,  "no such data block"                },
-    {5,  "memory that the PLC does not allow"},
-    {6,  "beyond the end of the data block"  },
+    {0,  ""                                       },
+    {1,  "no pointer to 1 to 1024 bytes"          },
+    {2,  "area is neither DB nor M"               },
+    {3,  "not on a byte boundary"                 },
+    {4,  "no such data block"                     },
+    {5,  "memory that the PLC does not allow"     },
+    {6,  "beyond the end of the data block"       },
     {7,  "source and destination differ in length"},
-    {8,  "not in the data of IE_TX or IE_RX" },
-    {9,  "bytes that another row has too"    },
-    {10, "a setpoint that no TX row shows"   },
-    {20, "nobody has begun this"             },
-    {21, "a part is missing"                 },
-    {22, "a part is too long"                },
-    {23, "the table is incomplete"           },
-    {24, "the CRC is wrong"                  },
-    {25, "unknown command"                   },
-    {26, "the PLC's tables are locked"       },
-    {27, "PLC in LOCAL"                      },
-    {28, "more rows than the PLC has"        },
-    {29, "no part for 5 s"                   },
+    {8,  "not in the data of IE_TX or IE_RX"      },
+    {9,  "bytes that another row has too"         },
+    {10, "a setpoint that no TX row shows"        },
+    {20, "nobody has begun this"                  },
+    {21, "a part is missing"                      },
+    {22, "a part is too long"                     },
+    {23, "the table is incomplete"                },
+    {24, "the CRC is wrong"                       },
+    {25, "unknown command"                        },
+    {26, "the PLC's tables are locked"            },
+    {27, "PLC in LOCAL"                           },
+    {28, "more rows than the PLC has"             },
+    {29, "no part for 5 s"                        },
 };
 
 #define ERRORS (sizeof(errors) / sizeof(errors[0]))
@@ -121,7 +123,8 @@ static void readStatus(plcTablesStatus *status, const epicsUInt8 *b, int bigEndi
 /* The PLC works with our table. */
 static int isOurs(const plcTables *t, const plcTablesStatus *plc)
 {
-    return plc->version == 1 && t->table && plc->state != plcMapNone && plc->crc == t->crc;
+    return plc->version == 1 && t->table && plc->state != plcMapNone &&
+           plc->crc == t->crc;
 }
 
 int plcTablesSame(const plcTables *t, const void *block, int bigEndian)
@@ -200,8 +203,7 @@ static void answer(plcTables *t)
         begin(t); /* it has dropped what it had */
     } else if (t->state == plcTablesBeginning && t->plc.expected == 0) {
         goOn(t);
-    } else if (t->state == plcTablesLoading &&
-               t->plc.expected == t->done + t->length) {
+    } else if (t->state == plcTablesLoading && t->plc.expected == t->done + t->length) {
         t->done += t->length;
         goOn(t);
     } else if (t->plc.expected != t->done) {
@@ -261,7 +263,8 @@ int plcTablesBlock(plcTables *t, const void *block, int bigEndian)
 
 int plcTablesMaySend(const plcTables *t)
 {
-    return t->command || (t->state >= plcTablesBeginning && t->state <= plcTablesCommitting);
+    return t->command ||
+           (t->state >= plcTablesBeginning && t->state <= plcTablesCommitting);
 }
 
 static void put(epicsUInt8 *bytes, size_t size, int bigEndian, epicsUInt32 value)

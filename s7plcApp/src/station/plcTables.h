@@ -1,25 +1,24 @@
-/* The pointer tables in the PLC, IOC side: does the PLC work with the table that our records
- * were made for, and if not, may we give it to the PLC?
+/* The pointer tables in the PLC, IOC side: does the PLC work with the table that our
+ * records were made for, and if not, may we give it to the PLC?
  *
- * Pure: blocks go in, a state and blocks come out; no socket, no thread, no clock, no file.
- * Times are counted in blocks of the PLC. The PLC checks what it gets and decides; until it
- * has taken a whole good table it works with the one it had.
+ * Pure: blocks go in, a state and blocks come out; no socket, no thread, no clock, no
+ * file. Times are counted in blocks of the PLC. The PLC checks what it gets and decides;
+ * until it has taken a whole good table it works with the one it had.
  *
- *   PLC -> IOC, flag MAP (8) in byte 0           IOC -> PLC, flag TABLE (4) in byte 0, and
- *      4 version, 1                              neither CHECK nor DATA
- *      5 state, plcMap...                           4 command, plcTablesCommand
- *      6 error, plcTablesErrorText()                5 session
- *      7 row of the error, TX rows first            6..7 offset of the piece in the table
- *      8..11 CRC-32 of the table in use             8..9 length of the piece, 1 ...
- *     12..13 byte of the table that is next        10..11 0
- *     14 session                                   12.. the piece; with COMMIT the CRC-32
- *     15 rows possible / 8, 0 = locked
- *     16.. data
+ *   PLC -> IOC, flag MAP (8) in byte 0           IOC -> PLC, flag TABLE (4) in byte 0,
+ * and 4 version, 1                              neither CHECK nor DATA 5 state, plcMap...
+ * 4 command, plcTablesCommand 6 error, plcTablesErrorText()                5 session 7
+ * row of the error, TX rows first            6..7 offset of the piece in the table 8..11
+ * CRC-32 of the table in use             8..9 length of the piece, 1 ... 12..13 byte of
+ * the table that is next        10..11 0 14
+ * session                                   12.. the piece; with COMMIT the CRC-32 15
+ * rows possible / 8, 0 = locked 16.. data
  *
  * Numbers are in the byte order of the station. The table itself is big-endian always:
  *
  *      0..1 layout id   2..3 rows TX   4..5 rows RX   6..9 CRC-32, counted as 0
- *     10..  20 bytes for each row: ANY pointer of the source, of the destination; TX first
+ *     10..  20 bytes for each row: ANY pointer of the source, of the destination; TX
+ * first
  */
 #ifndef INC_plcTables_H
 #define INC_plcTables_H
@@ -75,9 +74,9 @@ typedef struct plcTables {
     epicsUInt32 crc;
     size_t piece; /* bytes of it in a block, at most */
     plcTablesState state;
-    int command;       /* plcTablesCommand of the block that has to leave, 0 = none has */
-    unsigned done;     /* bytes that the PLC has */
-    unsigned length;   /* bytes of the part under way */
+    int command;     /* plcTablesCommand of the block that has to leave, 0 = none has */
+    unsigned done;   /* bytes that the PLC has */
+    unsigned length; /* bytes of the part under way */
     int session;
     unsigned patience; /* blocks since the PLC's status last changed */
     unsigned attempts; /* to download, without an answer that makes sense */
@@ -87,15 +86,15 @@ typedef struct plcTables {
 } plcTables;
 
 /* `table` stays the caller's. outSize: bytes of a block IOC -> PLC. */
-void plcTablesInit(plcTables *tables, plcMapMode mode, const epicsUInt8 *table, size_t size,
-                   size_t outSize);
+void plcTablesInit(plcTables *tables, plcMapMode mode, const epicsUInt8 *table,
+                   size_t size, size_t outSize);
 
 /* The PLC that gets our output is there, or is another one now / is gone. */
 void plcTablesConnected(plcTables *tables);
 void plcTablesLost(plcTables *tables);
 
-/* A block came. Returns 1 when its data is what our records expect. `command` says whether
- * a block has to leave now. */
+/* A block came. Returns 1 when its data is what our records expect. `command` says
+ * whether a block has to leave now. */
 int plcTablesBlock(plcTables *tables, const void *block, int bigEndian);
 
 /* The same question without a step: nothing changes. */
@@ -108,7 +107,8 @@ int plcTablesMaySend(const plcTables *tables);
  * returns the flags for byte 0; 0 and no byte when there is none to send. */
 int plcTablesPack(plcTables *tables, void *block, int bigEndian);
 
-/* How much of the download is done, 0 to 100 %; 100 only when the PLC works with our table.
+/* How much of the download is done, 0 to 100 %; 100 only when the PLC works with our
+ * table.
  */
 int plcTablesProgress(const plcTables *tables);
 

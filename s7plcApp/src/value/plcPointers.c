@@ -51,7 +51,8 @@ static int pointer(reading *r, char **words, row *row)
 {
     unsigned bit, used = 0;
 
-    if (sscanf(words[0], "P#DB%5u.DBX%6u.%1u%n", &row->db, &row->byte, &bit, &used) == 3 &&
+    if (sscanf(words[0], "P#DB%5u.DBX%6u.%1u%n", &row->db, &row->byte, &bit, &used) ==
+            3 &&
         !words[0][used] && row->db > 0) {
         row->area = 0x84;
     } else if (sscanf(words[0], "P#M%6u.%1u%n", &row->byte, &bit, &used) == 2 &&
@@ -96,8 +97,9 @@ static int rowLine(reading *r, char **words, size_t count)
     row *new;
 
     if (count < 6 || strcmp(words[arrow], "->"))
-        return fail(r, words[0], rx ? "rx <byte> -> P#DB10.DBX0.0 BYTE 8"
-                                    : "tx P#DB10.DBX0.0 BYTE 8 -> <byte>");
+        return fail(r, words[0],
+                    rx ? "rx <byte> -> P#DB10.DBX0.0 BYTE 8"
+                       : "tx P#DB10.DBX0.0 BYTE 8 -> <byte>");
     if (r->count == PLC_POINTER_ROWS)
         return fail(r, words[0], "255 rows");
     new = &r->rows[r->count];
@@ -172,7 +174,8 @@ static void big(epicsUInt8 *bytes, size_t size, epicsUInt32 value)
     }
 }
 
-static void any(epicsUInt8 *bytes, unsigned area, unsigned db, unsigned byte, unsigned count)
+static void any(epicsUInt8 *bytes, unsigned area, unsigned db, unsigned byte,
+                unsigned count)
 {
     bytes[0] = 0x10;
     bytes[1] = 0x02;
@@ -244,7 +247,8 @@ plcPointers *plcPointersRead(FILE *file, char *error, size_t size)
     table = make(&r);
     if (r.hasCrc && r.crc != plcPointersCrc(table->bytes, table->size)) {
         epicsSnprintf(error, size, "the file says crc 0x%08X, its rows have 0x%08X",
-                      (unsigned)r.crc, (unsigned)plcPointersCrc(table->bytes, table->size));
+                      (unsigned)r.crc,
+                      (unsigned)plcPointersCrc(table->bytes, table->size));
         plcPointersFree(table);
         table = NULL;
     }

@@ -10,8 +10,8 @@
  *   tx P#DB10.DBX0.0 BYTE 8 -> 16  names     PLC memory to byte 16 of IE_TX
  *   rx 4 -> P#DB10.DBX0.0 BYTE 8   names     byte 4 of IE_RX to PLC memory
  *
- * P#M10.0 BYTE 2 are flags. What follows a row names it in messages. The bytes are described
- * in plcTables.h: head, then 20 bytes for each row, big-endian.
+ * P#M10.0 BYTE 2 are flags. What follows a row names it in messages. The bytes are
+ * described in plcTables.h: head, then 20 bytes for each row, big-endian.
  */
 #ifndef INC_plcPointers_H
 #define INC_plcPointers_H
@@ -35,7 +35,8 @@ plcPointers *plcPointersRead(FILE *file, char *error, size_t size);
 
 void plcPointersFree(plcPointers *table);
 
-/* CRC-32 of IEEE 802.3 over the bytes of a table, of which 6 to 9, its own, count as 0. */
+/* CRC-32 of IEEE 802.3 over the bytes of a table, of which 6 to 9, its own, count as 0.
+ */
 epicsUInt32 plcPointersCrc(const epicsUInt8 *bytes, size_t size);
 
 unsigned plcPointersLayout(const plcPointers *table);

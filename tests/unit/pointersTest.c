@@ -1,0 +1,109 @@
+/* The file of a table of pointers: text to bytes, and what is wrong with it in one line.
+ */
+#include <string.h>
+
+#include <epicsUnitTest.h>
+#include <testMain.h>
+
+#include "plcPointers.h"
+
+static plcPointers *read(const char *text, char *error, size_t size)
+{
+    FILE *file = tmpfile();
+    plcPointers *table;
+
+    if (!file)
+        testAbort("no temporary file");
+    fputs(text, file);
+    rewind(file);
+    error[0] = 0;
+    table = plcPointersRead(file, error, size);
+    fclose(file);
+    return table;
+}
+
+static const char goodFile[] = "# plant\nlayout 0x1201\n"
+                               "rx 4 -> P#DB10.DBX0.0 BYTE 8 Temp Speed\n"
+                               "tx P#DB10.DBX0.0 BYTE 8 -> 16 Temp Speed # here\n"
+                               "TX P#M100.0 byte 2 -> 24\n";
+
+static void goodFiles(void)
+{
+    static const epicsUInt8 bytes[] = {
+        0x12, 0x01, 0, 2, 0,    1,    0x60, 0x37, 0x63, 0x4d, /* CRC: zlib's */
+        0x10, 2,    0, 8, 0,    10,   0x84, 0,    0,    0,    0x10, 2,    0, 8, 0,
+        1,    0x84, 0, 0, 0x80, 0x10, 2,    0,    2,    0,    0,    0x83, 0, 3, 0x20,
+        0x10, 2,    0, 2, 0,    1,    0x84, 0,    0,    0xc0, 0x10, 2,    0, 8, 0,
+        2,    0x84, 0, 0, 0x20, 0x10, 2,    0,    8,    0,    10,   0x84, 0, 0, 0};
+    char error[300];
+    plcPointers *t = read(goodFile, error, sizeof(error));
+
+    testOk(t && t->size == sizeof(bytes) && memcmp(t->bytes, bytes, 6) == 0 &&
+               memcmp(t->bytes + 10, bytes + 10, sizeof(bytes) - 10) == 0,
+           "a file becomes the bytes of a table, TX rows first %s", error);
+    if (!t)
+        testAbort("no table");
+    testOk(memcmp(t->bytes, bytes, sizeof(bytes)) == 0, "its CRC is that of zlib");
+    testOk(plcPointersLayout(t) == 0x1201 && t->rowsTx == 2 && t->rowsRx == 1,
+           "layout id and rows");
+    testOk(strcmp(plcPointersRowName(t, 0), "Temp Speed") == 0 &&
+               strcmp(plcPointersRowName(t, 1), "") == 0 &&
+               strcmp(plcPointersRowName(t, 2), "Temp Speed") == 0 &&
+               strcmp(plcPointersRowName(t, 3), "") == 0 &&
+               strcmp(plcPointersRowName(t, -1), "") == 0,
+           "rows have the names that stand behind them");
+    plcPointersFree(t);
+    t = read("ie_tx 7\nie_rx 8\ntx P#DB1.DBX0.0 BYTE 1 -> 16\n"
+             "rx 4 -> P#DB1.DBX0.0 BYTE 1\n",
+             error, sizeof(error));
+    testOk(t && t->bytes[25] == 7 && t->bytes[35] == 8,
+           "other numbers of IE_TX and IE_RX");
+    plcPointersFree(t);
+}
+
+static void badFiles(void)
+{
+    static const struct {
+        const char *text, *error;
+    } files[] = {
+        {"",                                       "there is no row"                           },
+        {"layout 5\n",                             "there is no row"                           },
+        {"layout 70000\n",                         "line 1: \"70000\"; allowed: 0 to 65535"    },
+        {"layout\n",                               "line 1: \"\"; allowed: 0 to 65535"         },
+        {"\nrows 5\n",                             "line 2: \"rows\"; allowed: layout, ie_tx"  },
+        {"tx P#DB10.DBX0.0 BYTE 8\n",
+         "line 1: \"tx\"; allowed: tx P#DB10.DBX0.0 BYTE 8 -> "                                },
+        {"rx P#DB10.DBX0.0 BYTE 8 -> 4 x\n",       "line 1: \"rx\"; allowed: rx <byte> -> "    },
+        {"tx DB10.DBX0.0 BYTE 8 -> 16\n",
+         "line 1: \"DB10.DBX0.0\"; allowed: P#DB10.DBX4.0"                                     },
+        {"tx P#DB0.DBX0.0 BYTE 8 -> 16\n",         "line 1: \"P#DB0.DBX0.0\""                  },
+        {"tx P#DB70000.DBX0.0 BYTE 8 -> 16\n",     "line 1: \"P#DB70000.DBX0.0\""              },
+        {"tx P#DB10.DBX0.1 BYTE 8 -> 16\n",        "line 1: \"P#DB10.DBX0.1\"; allowed: a byte"},
+        {"tx P#DB10.DBX40000.0 BYTE 8 -> 16\n",    "line 1: \"P#DB10.DBX40000.0\""             },
+        {"tx P#DB10.DBX0.0x BYTE 8 -> 16\n",       "line 1: \"P#DB10.DBX0.0x\""                },
+        {"tx P#Q0.0 BYTE 8 -> 16\n",
+         "line 1: \"P#Q0.0\"; allowed: P#DB10.DBX4.0 or P#M4.0"                                },
+        {"tx P#DB10.DBX0.0 WORD 8 -> 16\n",        "line 1: \"WORD\"; allowed: BYTE"           },
+        {"tx P#DB10.DBX0.0 BYTE 0 -> 16\n",        "line 1: \"0\"; allowed: 1 to 1024 bytes"   },
+        {"tx P#DB10.DBX0.0 BYTE 2000 -> 16\n",     "line 1: \"2000\"; allowed: 1 to 1024"      },
+        {"tx P#DB10.DBX0.0 BYTE 8 -> x\n",         "line 1: \"x\"; allowed: 0 to 32767"        },
+        {"crc 1\ntx P#DB10.DBX0.0 BYTE 8 -> 16\n", "the file says crc 0x00000001"              },
+    };
+    char error[300];
+    size_t i;
+
+    for (i = 0; i < sizeof(files) / sizeof(files[0]); i++) {
+        plcPointers *t = read(files[i].text, error, sizeof(error));
+
+        testOk(!t && strncmp(error, files[i].error, strlen(files[i].error)) == 0,
+               "refused: %s", error);
+    }
+}
+
+MAIN(pointersTest)
+{
+    testPlan(5 + 19);
+    goodFiles();
+    badFiles();
+    return testDone();
+}
