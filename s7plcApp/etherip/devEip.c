@@ -519,8 +519,12 @@ long devEipWrite(dbCommon *prec)
 
     if (dev && dev->station && dev->following && eipOf(dev)->force &&
         eipOf(dev)->forced) {
+        long status;
+
         dev->following = 0;
-        return supportOf(prec)->write(prec);
+        status = supportOf(prec)->write(prec);
+        dev->mark.number = 0; /* nobody waits for it */
+        return status;
     }
     if (dev && dev->station && !dev->following)
         eipOf(dev)->forced = 1;

@@ -153,7 +153,8 @@ static int news(void *pvt, plcNews *n, void *input, void *output)
 
 static void put(void *pvt, const void *image, const void *mask)
 {
-    eipWorkerPut(((eipPlc *)pvt)->worker, image, mask);
+    (void)image, (void)mask; /* takesPuts */
+    eipWorkerPut(((eipPlc *)pvt)->worker);
 }
 
 static void report(void *pvt, const char *where, const char *state, const plcStats *st,
@@ -190,6 +191,7 @@ const plcTransport eipTransport = {
     .up = up,
     .down = down,
     .news = news,
+    .takesPuts = 1,
     .put = put,
     .report = report,
 };

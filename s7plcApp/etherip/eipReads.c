@@ -204,12 +204,9 @@ static void publish(eipWorker *w, epicsUInt64 now)
     epicsTimeGetCurrent(&w->news.stamp);
     w->news.blocks++;
     if (w->setup.outSize && !w->firstTurn) {
-        size_t i;
-
-        /* What is ordered is newer than what was read. */
-        for (i = 0; i < w->setup.outSize; i++)
-            w->outNews[i] = (epicsUInt8)((w->in[i] & ~w->owed[i]) |
-                                         (w->order[i] & w->owed[i]));
+        memcpy(w->outNews, w->in, w->setup.outSize);
+        /* What waits is newer than what was read. */
+        plcImagePutsWaiting(w->setup.out, w->outNews, NULL);
         w->news.shown = 1;
     }
     eipWorkerTell(w);

@@ -25,13 +25,12 @@ eipWorker *eipWorkerCreate(const plcTransportSetup *setup, const eipConnectOptio
     w->options.requestTimeout = 1000;
     w->options.relearn = 3000;
     w->connectOptions = *connect;
-    w->order = callocMustSucceed(7, size, "eipWorker");
-    w->owed = w->order + size;
-    w->inNews = w->owed + size;
+    w->inNews = callocMustSucceed(6, size, "eipWorker");
     w->outNews = w->inNews + size;
     w->in = w->outNews + size;
     w->leaving = w->in + size;
     w->values = w->leaving + size;
+    w->waiting = w->values + size;
     w->frame = mallocMustSucceed(eipFrameMax, "eipWorker");
     w->message = mallocMustSucceed(eipMessageMax, "eipWorker");
     eipSocketInit(&w->socket);
@@ -98,7 +97,9 @@ void eipWorkerDestroy(eipWorker *w)
     eipReadsFree(w);
     eipTagsFree(&w->tags);
     eipSocketFree(&w->socket);
-    free(w->order);
+    free(w->inNews);
+    free(w->byPlace);
+    free(w->queued);
     free(w->frame);
     free(w->message);
     free(w->assembly);
@@ -137,7 +138,7 @@ void eipWorkerWant(eipWorker *w, eipWant *wants, unsigned count)
     plcWakeUp(&w->wake);
 }
 
-/* The lock is held. What is ordered and has not left is void. */
+/* The lock is held. */
 static void newGeneration(eipWorker *w, int running)
 {
     w->generation++;
@@ -145,8 +146,7 @@ static void newGeneration(eipWorker *w, int running)
     if (w->handed != INVALID_SOCKET)
         epicsSocketDestroy(w->handed);
     w->handed = INVALID_SOCKET;
-    memset(w->owed, 0, w->setup.outSize);
-    w->ordered = 0;
+    w->mayWrite = 0;
     memset(&w->news, 0, sizeof(w->news));
     w->hasNews = 0;
     w->moreLog = 0;
@@ -187,21 +187,10 @@ void eipWorkerStop(eipWorker *w)
     plcWakeUp(&w->wake);
 }
 
-void eipWorkerPut(eipWorker *w, const void *image, const void *mask)
+void eipWorkerPut(eipWorker *w)
 {
-    const epicsUInt8 *bytes = image, *bits = mask;
-    size_t i;
-
     epicsMutexMustLock(w->lock);
-    for (i = 0; i < w->setup.outSize; i++) {
-        if (!bits[i])
-            continue;
-        w->order[i] = (epicsUInt8)((w->order[i] & ~bits[i]) | (bytes[i] & bits[i]));
-        w->owed[i] |= bits[i];
-        if (w->news.shown)
-            w->outNews[i] = w->order[i];
-    }
-    w->ordered = 1;
+    w->mayWrite = 1;
     epicsMutexUnlock(w->lock);
     plcWakeUp(&w->wake);
 }
@@ -213,7 +202,6 @@ int eipWorkerTake(eipWorker *w, plcNews *news, void *input, void *output)
     epicsMutexMustLock(w->lock);
     has = w->hasNews;
     *news = w->news;
-    news->idle = !w->ordered && !w->writing;
     if (news->blocks)
         memcpy(input, w->inNews, w->setup.inSize);
     if (news->shown)
@@ -355,194 +343,6 @@ void eipWorkerTagBad(eipWorker *w, const eipTag *tag, const char *reason)
         eipWorkerBad(w, &w->tags.wants[tag->from + i], reason);
 }
 
-/* --- One request ---------------------------------------------------------------------------- */
-
-eipWriter eipWorkerWriter(eipWorker *w)
-{
-    return eipWriterOf(w->message, eipMessageMax);
-}
-
-static unsigned timeoutMs(const eipWorker *w)
-{
-    return w->now.requestTimeout < 10 ? 10 : (unsigned)w->now.requestTimeout;
-}
-
-static void count(eipWorker *w, size_t sent, size_t received, epicsUInt64 began,
-                  eipOutcome outcome)
-{
-    double latency = (double)(epicsMonotonicGet() - began) / 1e6;
-
-    w->lastAsk = epicsMonotonicGet();
-    w->turnRequests++;
-    if (!eipWorkerEnter(w))
-        return;
-    w->news.requests++;
-    w->news.bytesOut += sent;
-    w->news.bytesIn += received;
-    w->news.timeouts += outcome == eipTooLate;
-    if (outcome == eipAnswered) {
-        w->news.latency = latency;
-        if (latency > w->news.latencyMax)
-            w->news.latencyMax = latency;
-    }
-    w->hasNews = 1;
-    epicsMutexUnlock(w->lock);
-}
-
-/* Sends n bytes of w->frame; the answer is in w->socket.buffer. Returns its outcome; eipBroken
- * also when the session is over. */
-static eipOutcome exchange(eipWorker *w, size_t n, unsigned ms, size_t *length)
-{
-    epicsUInt64 began = epicsMonotonicGet();
-    eipOutcome outcome;
-
-    *length = 0;
-    if (!eipWorkerEnter(w))
-        return eipBroken;
-    w->busy = 1;
-    epicsMutexUnlock(w->lock);
-    outcome = eipSocketAsk(&w->socket, w->frame, n, ms, length, w->lost, sizeof(w->lost));
-    epicsMutexMustLock(w->lock);
-    w->busy = 0;
-    epicsMutexUnlock(w->lock);
-    count(w, n, *length, began, outcome);
-    return outcome;
-}
-
-/* The PLC's end of the connection is gone, or the controller behind the module. */
-static int isOver(const eipAnswer *a)
-{
-    return a->status == eipConnectionFailure &&
-           (a->extended == eipExtNoConnection || a->extended == 0x0203 ||
-            a->extended == 0x0204 || a->extended == 0x0205 || a->extended == 0x0311 ||
-            a->extended == 0x0312);
-}
-
-/* What was being asked when the connection was lost, twice, is not asked for again. */
-static void blame(eipWorker *w)
-{
-    switch (w->asking) {
-    case eipAskBrowse:
-        w->noBrowse++;
-        break;
-    case eipAskProgram:
-        w->noProgram++;
-        break;
-    case eipAskModify:
-        w->noModify++;
-        break;
-    default:
-        break;
-    }
-}
-
-int eipWorkerAsk(eipWorker *w, eipWriter *m, eipAnswer *answer)
-{
-    size_t length, n = m->full ? 0
-                               : eipSessionWrap(&w->connect.session, eipWayNormal, m->start,
-                                                m->n, w->frame, eipFrameMax);
-
-    if (!n) {
-        strcpy(w->lost, "a message is too long");
-        return -1;
-    }
-    if (exchange(w, n, timeoutMs(w), &length) != eipAnswered)
-        return -1;
-    if (eipSessionUnwrap(&w->connect.session, w->socket.buffer, length, answer, w->lost,
-                         sizeof(w->lost))) {
-        blame(w); /* twice: it has answered, and does not know this */
-        return -1;
-    }
-    if (isOver(answer)) {
-        eipStatusText(answer->status, answer->extended, w->lost, sizeof(w->lost));
-        return -1;
-    }
-    if (answer->status && answer->status != eipPartial && eipWorkerEnter(w)) {
-        w->news.exceptions++;
-        epicsMutexUnlock(w->lock);
-    }
-    w->asking = eipAskOther;
-    return 0;
-}
-
-/* The answers of several: only when all of them are sound does any count. take may ask on, so
- * request and answer are copied first. */
-static int takeMany(eipWorker *w, unsigned count, const eipAnswer *all,
-                    void (*take)(eipWorker *w, unsigned i, const eipAnswer *answer,
-                                 void *arg),
-                    void *arg)
-{
-    epicsUInt8 *copy = mallocMustSucceed(all->length + count + 1, "etherip");
-    epicsUInt8 *services = copy + all->length;
-    eipAnswer local = *all, one;
-    const epicsUInt8 *bytes;
-    size_t length;
-    unsigned i;
-
-    memcpy(copy, all->data, all->length);
-    local.data = copy;
-    for (i = 0; i < count && !w->lost[0]; i++) {
-        services[i] = w->message[eipMultipleHead - 2 +
-                                 eipGetUnsigned(w->message + eipMultipleHead +
-                                                    eipMultipleEach * i, 2)];
-        bytes = eipMultipleTake(&local, count, i, &length);
-        if (!bytes || eipAnswerTake(bytes, length, services[i], &one))
-            strcpy(w->lost, "answer of several not understood");
-    }
-    for (i = 0; i < count && !w->lost[0]; i++) {
-        bytes = eipMultipleTake(&local, count, i, &length);
-        eipAnswerTake(bytes, length, services[i], &one);
-        take(w, i, &one, arg);
-    }
-    free(copy);
-    return w->lost[0] ? -1 : 0;
-}
-
-int eipWorkerAskMany(eipWorker *w, unsigned count, int always,
-                     void (*put)(eipWorker *w, eipWriter *m, unsigned i, void *arg),
-                     void (*take)(eipWorker *w, unsigned i, const eipAnswer *answer,
-                                  void *arg),
-                     void *arg)
-{
-    int several = count > 1 || (always && w->limits.multiple != 1);
-    eipWriter m = eipWorkerWriter(w);
-    eipAnswer answer;
-    unsigned i;
-
-    if (several)
-        eipMultipleBegin(&m, count);
-    for (i = 0; i < count; i++) {
-        if (several)
-            eipMultipleNext(&m, i);
-        put(w, &m, i, arg);
-    }
-    if (eipWorkerAsk(w, &m, &answer))
-        return -1;
-    if (!several) {
-        take(w, 0, &answer, arg);
-        return w->lost[0] ? -1 : 0;
-    }
-    if (answer.status == eipSuccess || answer.status == eipEmbedded)
-        return takeMany(w, count, &answer, take, arg);
-    if (answer.status == eipNoService && w->limits.multiple != 1) {
-        w->limits.multiple = 1;
-        w->noMultiple = 1;
-        eipWorkerNote(w, "the PLC takes one service in a message only");
-        eipReadsReplan(w);
-        return 0; /* all of it comes again */
-    }
-    if (w->limits.room > 200) { /* too much for this PLC: less the next time */
-        w->limits.room -= w->limits.room / 4;
-        eipWorkerNote(w, "the PLC refuses %u services in a message: %u bytes from now on",
-                      count, w->limits.room);
-        eipReadsReplan(w);
-        return 0;
-    }
-    for (i = 0; i < count; i++)
-        take(w, i, &answer, arg);
-    return w->lost[0] ? -1 : 0;
-}
-
 /* --- The session ----------------------------------------------------------------------------- */
 
 /* Takes over a connection, if there is a new one. */
@@ -586,7 +386,7 @@ static void openSession(eipWorker *w)
     size_t n, length;
 
     while ((n = eipConnectNext(&w->connect, w->frame, eipFrameMax)) != 0) {
-        if (exchange(w, n, timeoutMs(w), &length) != eipAnswered) {
+        if (eipWorkerExchange(w, n, eipWorkerTimeout(w), &length) != eipAnswered) {
             if (eipWorkerEnter(w)) {
                 epicsMutexUnlock(w->lock);
                 eipConnectNoAnswer(&w->connect);
@@ -621,13 +421,15 @@ static void giveUp(eipWorker *w)
 {
     size_t i;
 
-    blame(w);
+    eipWorkerBlame(w);
     w->asking = eipAskOther;
     if (!w->lost[0])
         strcpy(w->lost, "connection lost");
     if (eipWorkerEnter(w)) {
+        memset(w->waiting, 0, w->setup.outSize);
+        plcImagePutsWaiting(w->setup.out, NULL, w->waiting);
         for (i = 0; i < w->setup.outSize; i++)
-            w->leaving[i] |= w->owed[i];
+            w->leaving[i] |= w->waiting[i];
         w->news.outFaults |= plcFaultsSet(w->setup.outFaults, 0, w->setup.outSize,
                                           w->leaving, w->lost);
         w->news.lost = 1;
@@ -683,6 +485,7 @@ static void takeOrders(eipWorker *w)
     if (eipTagsSet(&w->tags, wants, count))
         cantProceed("etherip: no memory for %u tags\n", count);
     epicsMutexUnlock(w->tagsLock);
+    eipWritesBegin(w);
     w->browser.stage = w->browser.stage == eipBrowseNot ? eipBrowseNot : eipBrowseTags;
     eipBrowseEnd(w);
     w->replan = 1;

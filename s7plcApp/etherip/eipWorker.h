@@ -60,7 +60,7 @@ void eipWorkerWant(eipWorker *w, eipWant *wants, unsigned count);
 /* The connection is up / is to be given up: see plcTransport.h. */
 void eipWorkerStart(eipWorker *w, SOCKET socket);
 void eipWorkerStop(eipWorker *w);
-void eipWorkerPut(eipWorker *w, const void *image, const void *mask);
+void eipWorkerPut(eipWorker *w); /* there are puts in the output image */
 int eipWorkerTake(eipWorker *w, plcNews *news, void *input, void *output);
 
 void eipWorkerStateGet(eipWorker *w, eipWorkerState *state);

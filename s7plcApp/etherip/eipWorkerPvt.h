@@ -1,4 +1,4 @@
-/* Inside of the worker of a PLC; only for eipWorker.c, eipLearn.c, eipReads.c and eipWrites.c.
+/* Inside of the worker of a PLC; only for eipWorker.c, eipAsk.c, eipLearn.c, eipReads.c and eipWrites.c.
  *
  * Locking. What goes between the worker and others is under `lock`, which is held to copy, never
  * during a system call. Each start and stop makes a new generation: the worker gives nothing
@@ -41,6 +41,12 @@ typedef struct eipReadPlan {
     unsigned messages;
 } eipReadPlan;
 
+/* A wish by its place in the images. */
+typedef struct eipPlaced {
+    size_t place;
+    unsigned want;
+} eipPlaced;
+
 /* How far the list of tags and the templates are. */
 typedef enum {
     eipBrowseNot,
@@ -80,8 +86,7 @@ struct eipWorker {
     eipWant *wants; /* NULL with newWants: none */
     unsigned wantCount;
     int newWants;
-    epicsUInt8 *order, *owed;
-    int ordered, writing;
+    int mayWrite; /* there are puts in the output image */
     int busy; /* a request is under way */
     plcNews news;
     int hasNews;
@@ -111,7 +116,10 @@ struct eipWorker {
     epicsUInt8 *frame, *message, *assembly;
     size_t assemblyRoom;
     epicsUInt8 *in;              /* the image as the PLC has it */
-    epicsUInt8 *leaving, *values; /* bits of the orders that are being written */
+    epicsUInt8 *leaving, *values; /* bits of puts that are being written */
+    epicsUInt8 *waiting;         /* bits of puts: for a moment */
+    eipPlaced *byPlace;          /* all wishes, sorted */
+    epicsUInt8 *queued;          /* of each wish: it is among what is being written */
     eipReadPlan plans[eipPlansMax];
     unsigned planCount, planNext;
     eipReadPlan *turn;           /* that runs; NULL: none */
@@ -138,6 +146,16 @@ int eipWorkerEnter(eipWorker *w);
 void eipWorkerTell(eipWorker *w);
 /* A line for the log; the lock is not held. */
 void eipWorkerNote(eipWorker *w, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
+
+/* --- eipAsk.c ------------------------------------------------------------------------------ */
+
+/* Sends n bytes of w->frame; the answer is in w->socket.buffer. Returns its outcome; eipBroken
+ * also when the session is over. */
+eipOutcome eipWorkerExchange(eipWorker *w, size_t n, unsigned ms, size_t *length);
+unsigned eipWorkerTimeout(const eipWorker *w); /* ms, for an answer */
+
+/* What was being asked when the connection was lost, twice, is not asked for again. */
+void eipWorkerBlame(eipWorker *w);
 
 /* A message for eipWorkerAsk is put there. */
 eipWriter eipWorkerWriter(eipWorker *w);
@@ -188,7 +206,10 @@ int eipReadWhole(eipWorker *w, const eipUnit *u, size_t from, eipAnswer *answer,
 
 /* --- eipWrites.c -------------------------------------------------------------------------- */
 
-/* Writes what is ordered. Returns 0, or -1: the session is over. */
+/* There are other wishes. */
+void eipWritesBegin(eipWorker *w);
+
+/* Writes what was put. Returns 0, or -1: the session is over. */
 int eipWriteAll(eipWorker *w);
 
 #endif /* INC_eipWorkerPvt_H */

@@ -13,6 +13,7 @@
 #include "eipWorkerPvt.h"
 
 enum {
+    takenMost = 500, /* puts that leave together */
     isSure = 2,
     writeHead = 2 + 2 + 2, /* service, type, count */
     valueRoom = 1 << 16
@@ -36,10 +37,10 @@ typedef struct batch {
     unsigned from, sent; /* of the message that is under way */
 } batch;
 
-/* --- What is ordered -------------------------------------------------------------------------- */
+/* --- What was put ------------------------------------------------------------------------------ */
 
-/* Bits of the orders that this wish has. */
-static int hasOrder(const eipWorker *w, const eipWant *want)
+/* Bits of the puts that this wish has. */
+static int hasPut(const eipWorker *w, const eipWant *want)
 {
     size_t i;
 
@@ -49,7 +50,7 @@ static int hasOrder(const eipWorker *w, const eipWant *want)
     return 0;
 }
 
-/* The order of a wish is through: written, or refused for a reason. */
+/* The put of a wish is through: written, or refused for a reason. */
 static void settle(eipWorker *w, const eipWant *want, const char *reason)
 {
     epicsUInt8 *mask = w->leaving + want->place;
@@ -84,7 +85,7 @@ static item *addItem(batch *b, itemKind kind, unsigned tag, unsigned want,
     return it;
 }
 
-/* The number that stands in a cell of the orders. */
+/* The number that stands in a cell. */
 static eipNumber numberOf(const epicsUInt8 *place)
 {
     epicsUInt64 bits = eipGetUnsigned(place + eipPlaceHead, 8);
@@ -217,72 +218,115 @@ static const char *arrayItem(eipWorker *w, batch *b, unsigned tag, unsigned want
     return NULL;
 }
 
-/* What is ordered of one tag. */
-static void tagItems(eipWorker *w, batch *b, unsigned tag)
+/* The tag of a wish: wishes of a tag stand together. */
+static unsigned tagOf(const eipWorker *w, unsigned want)
 {
-    const eipTag *t = &w->tags.tags[tag];
-    unsigned i;
+    unsigned low = 0, high = w->tags.tagCount;
 
-    for (i = t->from; i < t->from + t->wants; i++) {
-        const eipWant *want = &w->tags.wants[i];
-        const char *why;
+    while (high - low > 1) {
+        unsigned middle = low + (high - low) / 2;
 
-        if (!hasOrder(w, want))
-            continue;
-        if (t->state == eipTagBad)
-            why = t->reason;
-        else if (want->kind == eipCell)
-            why = cellItem(w, b, tag, i);
+        if (w->tags.tags[middle].from <= want)
+            low = middle;
         else
-            why = want->kind == eipTextPlace ? textItem(w, b, tag, i)
-                                             : arrayItem(w, b, tag, i);
-        if (why)
-            settle(w, want, why);
+            high = middle;
     }
+    return low;
 }
 
-/* Takes what is ordered, but for tags of which nothing is known yet. Returns 0 when it is
- * nothing. */
-static int takeOrders(eipWorker *w)
+/* What is to be written of one wish; it is refused here, if it cannot be. */
+static void wantItem(eipWorker *w, batch *b, unsigned want)
 {
-    unsigned i;
-    size_t k;
-    int some = 0, later = 0;
+    unsigned tag = tagOf(w, want);
+    const eipTag *t = &w->tags.tags[tag];
+    const eipWant *wish = &w->tags.wants[want];
+    const char *why;
 
+    if (w->queued[want] || !hasPut(w, wish))
+        return;
+    w->queued[want] = 1;
+    if (t->state != eipTagKnown)
+        why = t->state == eipTagBad ? t->reason : "the tag is another one now";
+    else if (wish->kind == eipCell)
+        why = cellItem(w, b, tag, want);
+    else
+        why = wish->kind == eipTextPlace ? textItem(w, b, tag, want)
+                                         : arrayItem(w, b, tag, want);
+    if (why)
+        settle(w, wish, why);
+}
+
+static int byPlace(const void *a, const void *b)
+{
+    const eipPlaced *x = a, *y = b;
+
+    return x->place < y->place ? -1 : x->place > y->place;
+}
+
+void eipWritesBegin(eipWorker *w)
+{
+    unsigned n = w->tags.wantCount, i;
+
+    free(w->byPlace);
+    free(w->queued);
+    w->byPlace = callocMustSucceed(n + 1, sizeof(*w->byPlace), "etherip");
+    w->queued = callocMustSucceed(n + 1, 1, "etherip");
+    for (i = 0; i < n; i++)
+        w->byPlace[i] = (eipPlaced){w->tags.wants[i].place, i};
+    if (n)
+        qsort(w->byPlace, n, sizeof(*w->byPlace), byPlace);
+}
+
+/* The first wish, by place, that ends behind this offset. */
+static unsigned firstBehind(const eipWorker *w, size_t offset)
+{
+    unsigned low = 0, high = w->tags.wantCount;
+
+    while (low < high) {
+        unsigned middle = low + (high - low) / 2;
+        const eipWant *want = &w->tags.wants[w->byPlace[middle].want];
+
+        if (want->place + want->room <= offset)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+/* Where the puts are that were taken together, in their order. */
+typedef struct taken {
+    size_t offset[takenMost], end[takenMost];
+    unsigned count;
+} taken;
+
+/* Called with the lock of the image held. */
+static int joins(void *arg, const plcPut *put)
+{
+    taken *t = arg;
+
+    if (t->count == takenMost)
+        return 0;
+    t->offset[t->count] = put->offset;
+    t->end[t->count++] = put->offset + put->length;
+    return 1;
+}
+
+/* Takes what leaves together. Returns 0 when there is nothing, or the session is over. */
+static unsigned takeTogether(eipWorker *w, taken *t)
+{
+    unsigned count = 0;
+
+    t->count = 0;
     if (!eipWorkerEnter(w))
         return 0;
-    for (i = 0; w->ordered && i < w->tags.wantCount; i++) {
-        const eipWant *want = &w->tags.wants[i];
-
-        for (k = want->place; k < want->place + want->room; k++)
-            some |= w->owed[k];
-    }
-    w->ordered = 0;
-    for (i = 0; some && i < w->tags.tagCount; i++) {
-        const eipTag *t = &w->tags.tags[i];
-        unsigned n;
-
-        for (n = t->from; n < t->from + t->wants; n++) {
-            const eipWant *want = &w->tags.wants[n];
-
-            w->values[want->place + eipPlaceKindAt] = w->order[want->place + eipPlaceKindAt];
-            for (k = want->place; k < want->place + want->room; k++) {
-                if (!w->owed[k])
-                    continue;
-                if (t->state == eipTagNew) {
-                    later = 1;
-                    continue;
-                }
-                w->leaving[k] |= w->owed[k];
-                w->values[k] = w->order[k];
-                w->owed[k] = 0;
-            }
-        }
-    }
-    w->ordered = later;
-    w->writing = some;
+    memset(w->leaving, 0, w->setup.outSize);
+    if (w->mayWrite)
+        count = plcImageTakePuts(w->setup.out, joins, t, w->values, w->leaving);
+    if (!count)
+        w->mayWrite = 0; /* the next ones have their holdoff */
     epicsMutexUnlock(w->lock);
-    return some;
+    return count;
 }
 
 /* --- Messages --------------------------------------------------------------------------------- */
@@ -504,21 +548,48 @@ static void freeBatch(batch *b)
     free(b->items);
 }
 
-int eipWriteAll(eipWorker *w)
+/* Writes what was taken, in its order. Returns 0, or -1: the session is over. */
+static int writeTogether(eipWorker *w, const taken *t)
 {
     batch b = {0};
-    unsigned i;
+    unsigned i, k;
     int status;
 
-    if (!w->taught || !takeOrders(w))
-        return 0;
-    for (i = 0; i < w->tags.tagCount; i++)
-        tagItems(w, &b, i);
+    memset(w->queued, 0, w->tags.wantCount);
+    for (i = 0; i < t->count; i++)
+        for (k = firstBehind(w, t->offset[i]); k < w->tags.wantCount; k++) {
+            unsigned want = w->byPlace[k].want;
+
+            if (w->byPlace[k].place >= t->end[i])
+                break;
+            wantItem(w, &b, want);
+        }
     status = b.count ? sendBatch(w, &b) : 0;
     freeBatch(&b);
-    if (eipWorkerEnter(w)) {
-        w->writing = 0;
+    if (status == 0 && eipWorkerEnter(w)) {
+        plcImagePutsDone(w->setup.out);
         eipWorkerTell(w);
     }
+    return status;
+}
+
+/* As many lots as puts wait now; those that come meanwhile have to wait for a read. Tags that are
+ * not known come first. */
+int eipWriteAll(eipWorker *w)
+{
+    unsigned left = plcImagePutsWaiting(w->setup.out, NULL, NULL), count;
+    taken *t;
+    int status = 0;
+
+    if (!left || !w->taught || w->tags.unknown)
+        return 0;
+    t = mallocMustSucceed(sizeof(*t), "etherip");
+    for (; left && !status; left -= count < left ? count : left) {
+        count = takeTogether(w, t);
+        if (!count)
+            break;
+        status = writeTogether(w, t);
+    }
+    free(t);
     return status;
 }

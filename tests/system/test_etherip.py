@@ -383,6 +383,44 @@ def test_puts_from_periodic_scan(plant):
         plant.wait_tag("A", str(value))
 
 
+def test_put_callback(plant):
+    """A put with callback ends when the PLC has the value, or has refused it"""
+    plant.tags("tag A DINT", "tag B BOOL[32]", "tag Ro DINT readonly", "tag S STRING")
+    plant.records(rec("longout", "a", "A S 1"), rec("bo", "b", "B[7] S 1"),
+                  rec("longout", "ro", "Ro S 1"), rec("stringout", "s", "S S 1"))
+    for name in ("a", "b", "ro", "s"):
+        until(lambda: plant.ioc.severity(name) == "NO_ALARM")
+    for value in range(1, 11):
+        plant.ioc.put("a", value)
+        assert plant.tag("A") == str(value)
+        plant.ioc.put("b", value % 2)
+        assert int(plant.tag("B[0]")) == value % 2 << 7
+        plant.ioc.put("s", f"text {value}")
+        assert f"text {value}" in plant.tag("S")
+    plant.ioc.put("ro", 5)
+    assert plant.ioc.alarm("ro") == ("INVALID", "WRITE", "PLC: no right to access it (0F)")
+    plant.sim.command("etherip silent write next 1")
+    plant.ioc.put("a", 99)  # does not wait for ever
+    until(lambda: plant.ioc.get("a.PACT") == 0)
+
+
+def test_order(plant):
+    """Puts arrive in their order, and every edge of a bit does"""
+    plant.tags(*(f"tag T{n} DINT" for n in range(5)), "tag B DINT")
+    plant.records(*(rec("longout", f"t{n}", f"T{n} S 1") for n in range(5)),
+                  rec("bo", "b", "B.3 S 1"))
+    until(lambda: plant.ioc.severity("b") == "NO_ALARM")
+    plant.sim.command("etherip clear")
+    for n in (3, 0, 4, 1, 2):
+        plant.ioc.put(f"t{n}", 1, wait=False)
+    for value in (1, 0, 1, 0):
+        plant.ioc.put("b", value, wait=value == 0)
+    plant.wait_tag("T2", "1")
+    received = plant.sim.command("etherip received 1000")
+    assert re.findall(r"4d:(T\d)=00", received) == ["T3", "T0", "T4", "T1", "T2"]
+    assert len(re.findall(r"4e:B=00", received)) == 4
+
+
 # --- Connections --------------------------------------------------------------------------
 
 def test_away(plant):

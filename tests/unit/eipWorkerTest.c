@@ -343,6 +343,8 @@ static void begin(void)
                                         .outSize = imageSize, .wake = wake,
                                         .inFaults = plcFaultsCreate(imageSize),
                                         .outFaults = plcFaultsCreate(imageSize)};
+    station.setup.out = plcImageCreate(imageSize);
+    plcImageKeepPuts(station.setup.out, 100);
     station.worker = eipWorkerCreate(&station.setup, &connect);
     eipWorkerSetOptions(station.worker, &options);
     eipWorkerWant(station.worker, wants(), tagCount);
@@ -415,6 +417,7 @@ MAIN(eipWorkerTest)
     testOk(maxKilobytes() - before < 4000, "nothing grows: %ld kB", maxKilobytes() - before);
     hangUp();
     eipWorkerDestroy(station.worker);
+    plcImageDestroy(station.setup.out);
     plcFaultsDestroy(station.setup.inFaults);
     plcFaultsDestroy(station.setup.outFaults);
     epicsEventDestroy(station.news);
