@@ -8,7 +8,7 @@ ifneq ($(words $(CURDIR)),1)
   $(error EPICS cannot build in a path with a blank: "$(CURDIR)". Move the tree)
 endif
 
-.PHONY: help demo demo-redundant demo-sync demo-asyn demo-modbus demo-tables demo-etherip test bench
+.PHONY: help demo demo-redundant demo-sync demo-asyn demo-modbus demo-tables demo-etherip demo-map test bench
 
 HELP = "make                 build (needs EPICS_BASE, see configure/RELEASE)" \
     "make rebuild         clean, then build: after an update of the sources" \
@@ -18,6 +18,7 @@ HELP = "make                 build (needs EPICS_BASE, see configure/RELEASE)" \
     "make demo-redundant  the cable of a PRIMARY is pulled, no record goes INVALID" \
     "make demo-sync       an IOC with the values of yesterday meets a plant that runs" \
     "make demo-modbus     setpoints over Modbus, acknowledged or refused" \
+    "make demo-map        a row is added to the map of a plant; everything is made anew" \
     "make demo-tables     a row is added to the map; the IOC brings the table to the PLC" \
     "make demo-etherip    tags of a controller over EtherNet/IP" \
     "make demo-asyn       the same PLC as an asyn port (where ASYN is set)" \
@@ -44,6 +45,7 @@ else ifneq ($(filter demo demo-% test bench,$(MAKECMDGOALS)),)
   demo-sync: ; @+$(BUILD) && exec iocBoot/iocSync/demo
   demo-asyn: ; @+$(BUILD) && exec iocBoot/iocAsyn/demo
   demo-modbus: ; @+$(BUILD) && exec iocBoot/iocModbus/demo
+  demo-map: ; @configure/setup.sh map; $(BUILD) && exec iocBoot/iocMap/demo
   demo-tables: ; @+$(BUILD) && exec iocBoot/iocTables/demo
   demo-etherip: ; @+$(BUILD) && exec iocBoot/iocEtherIP/demo
   test: ; @+tests/run

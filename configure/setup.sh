@@ -4,6 +4,7 @@
 #   configure/setup.sh base    find or build EPICS Base, write configure/RELEASE.local
 #   configure/setup.sh named   print the EPICS Base that a RELEASE file or the environment names
 #   configure/setup.sh release write EPICS_BASE from the environment into configure/RELEASE.local
+#   configure/setup.sh map     what plcmap needs: Python
 #   configure/setup.sh python  make the Python environment of the system tests, print its path
 #
 # Debian 12 and 13. What is there already is used; nothing is downloaded twice. Everything
@@ -151,8 +152,9 @@ python() {
 
 case ${1:-} in
     base) base ;;
+    map) packages python3 ;;
     named) named ;;
     release) write_release "$EPICS_BASE" ;;
     python) mkdir -p "$cache"; python ;;
-    *) die "usage: configure/setup.sh base|named|release|python" ;;
+    *) die "usage: configure/setup.sh base|map|named|release|python" ;;
 esac
