@@ -361,8 +361,8 @@ class Merge:
                                       not r.get("rx"))]
 
     def _add_types(self, types, rows):
-        """The types that rows use, and those that these use."""
-        used, todo = set(), [r.type for r in rows]
+        """The types that rows use, and those that these use; all, where there are no rows."""
+        used, todo = set(), [r.type for r in rows] or list(types.names.values())
         while todo:
             text = todo.pop()
             name = re.sub(r"^ARRAY\[[^\]]*\] OF ", "", text).upper()
