@@ -323,6 +323,21 @@ def test_pair(new_sim, new_table_ioc, mode):
         assert plc_crc(second) == crc() and memory(second) == HELD
 
 
+def test_pair_of_one_memory(new_sim, new_table_ioc):
+    """an H system, whose memory is one: the new PRIMARY has the table, nothing is sent again"""
+    plc = new_sim(PLC, "-o", "role=pair", "-o", "address=127.0.0.2")
+    ioc = new_table_ioc(
+        plc.port, program="phoenixIoc",
+        configure=f'phoenixplcConfigure("PLC", "127.0.0.2", {plc.port}, 48, 32, 1, 5000, 20, 1)\n')
+    wait_synced(ioc)
+    for turn in range(2, 5):
+        plc.command("switchover")
+        until(lambda: ioc.get("Sync:Count") >= turn and ioc.text("Sync") == "synced",
+              lambda: ioc.log)
+        assert plc_crc(plc) == crc() and memory(plc) == HELD
+    assert ioc.get("Map:Downloads") == 1
+
+
 @pytest.mark.parametrize("lines,words", [
     ("s7plcSetOption PLC map download\n", "option map: sync=on first"),
     ("s7plcTables PLC none.ptr\n", 's7plcTables PLC: cannot read "none.ptr": No such file'),

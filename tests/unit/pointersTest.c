@@ -61,6 +61,23 @@ static void goodFiles(void)
     plcPointersFree(t);
 }
 
+/* plcmap puts all symbols of a row behind it. */
+static void longLine(void)
+{
+    char text[3000] = "tx P#DB10.DBX0.0 BYTE 8 -> 16", error[300];
+    plcPointers *t;
+    int i;
+
+    for (i = 0; i < 200; i++)
+        strcat(text, " Tank.Setp");
+    strcat(text, "\ntx P#DB10.DBX8.0 BYTE 8 -> 24 Last");
+    t = read(text, error, sizeof(error));
+    testOk(t && t->rowsTx == 2 && strncmp(plcPointersRowName(t, 0), "Tank.Setp Tank", 14) == 0 &&
+               strcmp(plcPointersRowName(t, 1), "Last") == 0,
+           "a row with 200 names, and one without an end of line %s", error);
+    plcPointersFree(t);
+}
+
 static void badFiles(void)
 {
     static const struct {
@@ -102,8 +119,9 @@ static void badFiles(void)
 
 MAIN(pointersTest)
 {
-    testPlan(5 + 19);
+    testPlan(5 + 1 + 19);
     goodFiles();
+    longLine();
     badFiles();
     return testDone();
 }

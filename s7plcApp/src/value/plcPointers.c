@@ -144,6 +144,15 @@ static size_t split(char *text, char **words, size_t most)
     return count;
 }
 
+/* Of a very long line only the names at its end are lost. */
+static void skipRest(const char *text, FILE *file)
+{
+    int c = strchr(text, '\n') ? '\n' : 0;
+
+    while (c != '\n' && c != EOF)
+        c = getc(file);
+}
+
 static int readLines(reading *r, FILE *file)
 {
     char text[500], *words[40], why[200];
@@ -155,6 +164,7 @@ static int readLines(reading *r, FILE *file)
     r->size = sizeof(why);
     while (fgets(text, sizeof(text), file)) {
         number++;
+        skipRest(text, file);
         count = split(text, words, 40);
         if (count && line(r, words, count)) {
             epicsSnprintf(error, size, "line %u: %s", number, why);
