@@ -1,5 +1,6 @@
 """plcmap prove: plcSim and the IOC, both from what a map makes, agree in every value; and it sees
 when they do not. Larger maps by hand: PLCMAP_PROVE=5000."""
+import argparse
 import os
 import re
 
@@ -64,6 +65,23 @@ def test_symbols(tmp_path):
     assert plcmap("place", folder).status == 0
     values, _, differ, out = proved(folder)
     assert (values, differ) == (8, 0), out
+
+
+@pytest.mark.parametrize("name", ["tank", "setpoints one by one", "no handshake"])
+def test_generated_program(tmp_path, capsys, name):
+    """{name}: the generated SCL plays the PLC"""
+    from plcmaplib.check import check
+    from plcmaplib.model import load
+    from plcmaplib.problems import Report
+    from plcmaplib.prove import prove
+    from sclsim import SclSimulator
+    folder = example.write(tmp_path / "p") if name == "tank" else made(tmp_path / "p", *PLANTS[name])
+    map_ = load(str(folder), Report())
+    assert not check(map_).errors()
+    args = argparse.Namespace(bin=str(BIN), keep=None, patience=10.0, verbose=False)
+    good = prove(map_, args, SclSimulator)
+    out = capsys.readouterr().out
+    assert good and int(re.search(r"(\d+) comparisons", out).group(1)) > 1000, out
 
 
 def test_it_sees(tank, monkeypatch):

@@ -412,8 +412,9 @@ def _environment(map_, sim):
     return env
 
 
-def prove(map_, args):
-    """True when all values agree. Prints what does not, and how many were compared."""
+def prove(map_, args, simulator=Simulator):
+    """True when all values agree. Prints what does not, and how many were compared.
+    simulator: what plays the PLC, made from program, file and folder."""
     if map_.plc["wire"] == "etherip":
         raise Refused("prove needs blocks or Modbus: plcSim does not speak EtherNet/IP")
     sim_program, ioc_program = _programs(args)
@@ -426,7 +427,7 @@ def prove(map_, args):
             with open(os.path.join(folder, file), "wb") as f:
                 f.write(data)
         name = map_.name()
-        sim = Simulator(sim_program, os.path.join(folder, name + ".plc"), folder)
+        sim = simulator(sim_program, os.path.join(folder, name + ".plc"), folder)
         script = _script(map_, folder, ioc_program, name)
         ioc = Shell(ioc_program, script, folder, _environment(map_, sim))
         proof = Proof(map_, args)
