@@ -151,6 +151,16 @@ def test_download(new_plc, new_table_ioc, before):
     assert "table of pointers: equal, 100 %" in ioc.command("s7plcReport PLC 1")
 
 
+def test_little_endian(new_sim, new_table_ioc):
+    """where numbers are little endian the table is big endian all the same"""
+    plc = new_sim(PLC + OLD, "-o", "byteorder=little")
+    ioc = new_table_ioc(plc.port, configure='s7plcConfigure("PLC", "127.0.0.1", '
+                        f"{plc.port}, 48, 32, 0, 5000, 20)\n")
+    wait_synced(ioc)
+    assert plc_crc(plc) == crc() == ioc.get("Map:PlcCrc")
+    assert commands(plc) == [1, 2, 2, 2, 2, 3]
+
+
 def test_equal(new_plc, new_table_ioc):
     """the same table: nothing is sent; so it is after a restart of the PLC and of the IOC"""
     plc = new_plc(PLC)

@@ -72,7 +72,8 @@ static void longLine(void)
         strcat(text, " Tank.Setp");
     strcat(text, "\ntx P#DB10.DBX8.0 BYTE 8 -> 24 Last");
     t = read(text, error, sizeof(error));
-    testOk(t && t->rowsTx == 2 && strncmp(plcPointersRowName(t, 0), "Tank.Setp Tank", 14) == 0 &&
+    testOk(t && t->rowsTx == 2 &&
+               strncmp(plcPointersRowName(t, 0), "Tank.Setp Tank", 14) == 0 &&
                strcmp(plcPointersRowName(t, 1), "Last") == 0,
            "a row with 200 names, and one without an end of line %s", error);
     plcPointersFree(t);
