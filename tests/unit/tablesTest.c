@@ -193,7 +193,7 @@ static void blocks(void)
     t.state = plcTablesEqual;
     testOk(plcTablesProgress(&t) == 100, "100 %% when the PLC works with it");
     plcTablesLost(&t);
-    testOk(plcTablesProgress(&t) == 0 && !plcTablesMaySend(&t) &&
+    testOk(plcTablesProgress(&t) == 0 && !t.command &&
                !strcmp(t.reason, "PLC not connected"), "nothing is left of it when lost");
 }
 
@@ -220,6 +220,11 @@ static void patience(void)
     plcTablesConnected(&t);
     plcTablesBlock(&t, in, 1);
     testOk(t.command == plcTablesBegin, "and again on the next connection");
+    for (i = 0; i < 10; i++) {
+        in[0] ^= plcFlagRemote;
+        plcTablesBlock(&t, in, 1);
+    }
+    testOk(t.command == plcTablesBegin, "LOCAL in between counts for nothing");
 }
 
 /* --- The walk ---------------------------------------------------------------------------*/
@@ -617,7 +622,7 @@ MAIN(tablesTest)
     char error[300];
     plcPointers *table;
 
-    testPlan(EVENTS + 7 + 2 + 4 + 2);
+    testPlan(EVENTS + 7 + 3 + 4 + 2);
     table = read(goodFile, error, sizeof(error));
     ours = table->bytes;
     ourSize = table->size;

@@ -152,8 +152,10 @@ static void begin(plcTables *t)
         become(t, plcTablesMismatch, "the PLC has another table");
     } else if (!t->remote) {
         become(t, plcTablesMismatch, "another table; PLC in LOCAL");
+        t->attempts = 0; /* people count their own */
     } else if (t->plc.rows == 0) {
         become(t, plcTablesMismatch, "another table; the PLC's are locked");
+        t->attempts = 0;
     } else if (rowsOf(t) > (unsigned)t->plc.rows) {
         become(t, plcTablesMismatch, "");
         epicsSnprintf(t->reason, sizeof(t->reason), "table of %u rows, the PLC has %d",
@@ -259,12 +261,6 @@ int plcTablesBlock(plcTables *t, const void *block, int bigEndian)
         begin(t);
     }
     return 0;
-}
-
-int plcTablesMaySend(const plcTables *t)
-{
-    return t->command ||
-           (t->state >= plcTablesBeginning && t->state <= plcTablesCommitting);
 }
 
 static void put(epicsUInt8 *bytes, size_t size, int bigEndian, epicsUInt32 value)

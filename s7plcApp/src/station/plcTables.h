@@ -100,9 +100,6 @@ int plcTablesBlock(plcTables *tables, const void *block, int bigEndian);
 /* The same question without a step: nothing changes. */
 int plcTablesSame(const plcTables *tables, const void *block, int bigEndian);
 
-/* True while blocks go out that belong to a download: those, and heartbeats. */
-int plcTablesMaySend(const plcTables *tables);
-
 /* Writes bytes 4 and up of the block that `command` asks for, which then is done, and
  * returns the flags for byte 0; 0 and no byte when there is none to send. */
 int plcTablesPack(plcTables *tables, void *block, int bigEndian);
