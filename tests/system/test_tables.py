@@ -205,6 +205,29 @@ def test_forbidden(new_plc, new_table_ioc):
     wait_synced(good)
 
 
+def test_too_long(new_sim, new_table_ioc):
+    """a table with more rows than the PLC has room for is not begun, and both numbers are told"""
+    plc = new_sim(PLC + OLD)
+    old = plc_crc(plc)
+    ioc = new_table_ioc(plc.port, PTR + "tx P#DB11.DBX0.0 BYTE 1 -> 40\n" * 30)
+    wait_reason(ioc, "map mismatch", "table of 33 rows, the PLC has 32")
+    assert commands(plc) == [] and plc_crc(plc) == old
+
+
+def test_spoilt(new_sim, new_table_ioc):
+    """a bit that flips in the PLC's table: inputs are INVALID, and the IOC brings its table again"""
+    plc = new_sim(PLC)
+    ioc = new_table_ioc(plc.port)
+    wait_synced(ioc)
+    ioc.put("Speed", 55)
+    until_equal(lambda: memory(plc)[4:6], struct.pack(">h", 55))
+    plc.command("set DB20.DBB14 0x7f")
+    until(lambda: ioc.get("Map:Downloads") == 2 and ioc.text("Sync") == "synced",
+          lambda: ioc.log)
+    assert plc_crc(plc) == crc() and ioc.get("Speed") == 55
+    assert memory(plc)[4:6] == struct.pack(">h", 55)
+
+
 @pytest.mark.parametrize("locked,unlocked,reason", [
     ("allowmap off", "allowmap on", "another table; the PLC's are locked"),
     ("local", "remote", "another table; PLC in LOCAL")], ids=["key switch", "LOCAL"])
@@ -359,13 +382,15 @@ def test_pair_of_one_memory(new_sim, new_table_ioc):
     ("s7plcSetOption PLC sync on\ns7plcSetOption PLC map check\n"
      "s7plcSetOption PLC layout 5\ns7plcTables PLC {good}\n",
      "option layout is 5, the table has 4610, which counts"),
+    ("s7plcTables PLC {crc}\n", "the file says crc 0x00000001, its rows have 0x"),
     ("s7plcTables PLC {good}\niocInit\ns7plcTables PLC {good}\n", "only before iocInit"),
-], ids=range(8))
+], ids=range(9))
 def test_messages(new_ioc, tmp_path, lines, words):
     """what is wrong is said in one line: {words}"""
     (tmp_path / "bad.ptr").write_text("rows 5\n")
     (tmp_path / "good.ptr").write_text(PTR)
-    lines = lines.format(bad=tmp_path / "bad.ptr", good=tmp_path / "good.ptr")
+    (tmp_path / "crc.ptr").write_text(PTR + "crc 1\n")
+    lines = lines.format(crc=tmp_path / "crc.ptr", bad=tmp_path / "bad.ptr", good=tmp_path / "good.ptr")
     ioc = new_ioc(f's7plcConfigure("PLC", "127.0.0.1", 1, 48, 32, 1, 5000, 20)\n{lines}', "")
     assert words in ioc.log
 
