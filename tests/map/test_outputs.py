@@ -14,7 +14,7 @@ import pytest
 import maps
 import tank as example
 from conftest import TOP, plcmap
-from plcmaplib.model import load
+from plcmaplib.files import load
 from plcmaplib.problems import Report
 from plcmaplib.transfer import layout_crc, layout_id, table, transfers
 

@@ -71,7 +71,7 @@ def test_symbols(tmp_path):
 def test_generated_program(tmp_path, capsys, name):
     """{name}: the generated SCL plays the PLC"""
     from plcmaplib.check import check
-    from plcmaplib.model import load
+    from plcmaplib.files import load
     from plcmaplib.problems import Report
     from plcmaplib.prove import prove
     from sclsim import SclSimulator

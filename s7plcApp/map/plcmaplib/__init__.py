@@ -6,7 +6,7 @@ The floors, bottom up; each module imports only from those before it:
     types, address           data types of a PLC and their bytes; places in PLC memory
     sheets, workbook         tables in CSV files and .xlsx files; every cell knows its place
     columns                  which columns and keys there are, and what they allow
-    model                    the map as rows, types, enums; expanded to single values (leaves)
+    model, files             the map as rows, types, enums; expanded to single values (leaves)
     transfer                 which bytes of PLC memory go where in the blocks; layout id
     check, place, show, diff
     outputs                  one module per file that is generated

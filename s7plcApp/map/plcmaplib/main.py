@@ -5,7 +5,7 @@ import sys
 
 from . import VERSION
 from .check import check
-from .model import is_workbook, load, load_sheets, save
+from .files import is_workbook, load, load_sheets, save
 from .problems import Place, Refused, Report
 
 OK, WRONG, USAGE, BROKEN = 0, 1, 2, 3

@@ -9,9 +9,8 @@ import re
 from . import columns
 from .address import AddressProblem, parse_address
 from .problems import Place, Refused, nearest, one_of
-from .sheets import Sheet, csv_text, number, read_csv, write_text
 from .shown import Shown, State, check_state
-from .types import (Array, Elementary, Layout, Named, Text, TypeProblem, VISIBLE, is_struct,
+from .types import (Array, Elementary, Layout, Named, TypeProblem, VISIBLE, is_struct,
                     parse_type)
 
 MAX_LEAVES = 200000
@@ -568,69 +567,3 @@ def _at(place, relative):
         return None
     byte, bit = relative
     return place[0] + byte, (place[1] if bit is None else bit)
-
-
-# --- files ---------------------------------------------------------------------------------
-
-def is_workbook(path):
-    return path.lower().endswith((".xlsx", ".xlsm"))
-
-
-def load_sheets(path, report, encoding=None):
-    """{name: Sheet} of a folder of CSV files, a workbook, or one CSV file of a folder."""
-    if is_workbook(path):
-        from .workbook import read_sheets
-        sheets = read_sheets(path, columns.SHEETS, report)
-    else:
-        if os.path.isfile(path):
-            path = os.path.dirname(path) or "."
-        if not os.path.isdir(path):
-            raise Refused("no such folder or .xlsx", Place(path))
-        sheets = {}
-        for name in columns.SHEETS:
-            file = os.path.join(path, name + ".csv")
-            if os.path.exists(file):
-                sheets[name] = read_csv(file, name, report, encoding)
-    if "map" not in sheets:
-        raise Refused("no sheet map (%s)" % ("a sheet of that name" if is_workbook(path)
-                                             else "map.csv"), Place(path))
-    return sheets
-
-
-def load(path, report, encoding=None):
-    """A map from its files."""
-    return Map(path, load_sheets(path, report, encoding), report)
-
-
-def save(map_, path=None):
-    """Writes the sheets back, to where they came from or elsewhere. Files whose content is
-    the same are left alone. Returns the files written."""
-    path = path or map_.path
-    sheets = [map_.sheets[n] for n in columns.SHEETS if n in map_.sheets]
-    if is_workbook(path):
-        from .workbook import write_sheets
-        write_sheets(path, sheets, columns.choices())
-        return [path]
-    if os.path.isfile(path):
-        path = os.path.dirname(path) or "."
-    os.makedirs(path, exist_ok=True)
-    written = []
-    for sheet in sheets:
-        file = os.path.join(path, sheet.name + ".csv")
-        if write_text(file, csv_text(sheet), sheet.encoding):
-            written.append(file)
-    return written
-
-
-def empty(path):
-    """The sheets of a new map."""
-    report_sheets = {}
-    for name, table in columns.SHEETS.items():
-        report_sheets[name] = Sheet(name, path if is_workbook(path) else
-                                    os.path.join(path, name + ".csv"), list(table),
-                                    name if is_workbook(path) else None)
-    return report_sheets
-
-
-__all__ = ["Map", "MapRow", "Leaf", "TypeDef", "load", "save", "empty", "load_sheets", "Text",
-           "number", "leaf_size", "is_workbook"]

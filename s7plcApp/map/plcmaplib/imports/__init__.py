@@ -3,7 +3,7 @@ its name; what is not understood is told with its place, never guessed."""
 import os
 import re
 
-from ..model import empty, is_workbook, load_sheets
+from ..files import empty, is_workbook, load_sheets
 from ..problems import Place, Refused
 from ..sheets import decode, read_bytes, csv_rows
 from . import iecxml, merge, rockwell, s7source, s7table, sheetform, tia
@@ -143,7 +143,7 @@ def run_import(args, report):
 
 def _save(sheets, path, exists):
     import argparse
-    from ..model import save
+    from ..files import save
     if not exists:
         plc = sheets["plc"]
         if not plc.rows:

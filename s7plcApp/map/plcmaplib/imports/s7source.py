@@ -196,7 +196,7 @@ class Parser:
             self.next()
             kind = Struct(self.fields("END_VAR", 0))
         elif self.peek().kind == "name" and word not in ("BEGIN", "END_DATA_BLOCK"):
-            kind = Named(self.name())
+            kind = self.type_(0)
         else:
             self.fail("STRUCT or a type expected")
         self.blocks.append((name, kind, token.line, optimised))
