@@ -242,14 +242,16 @@ int devEipBits(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *e
 
     if (begin(prec, dev, text, &link, error))
         return -1;
-    if (nobt == 0 || nobt > 32)
-        return devFail(error, 0, "NOBT is %u; allowed: 1 to 32", nobt);
+    if (nobt > 32)
+        return devFail(error, 0, "NOBT is %u; allowed: 0 (all) to 32", nobt);
     if (link.bit < 0 && link.hasIndex && !link.alone && (link.index & 31) + nobt > 32)
         return devFail(error, 0, "bits %u to %u of the array lie in two DINTs; allowed: in one",
                        link.index, link.index + nobt - 1);
+    if (nobt == 0 && (link.bit >= 0 || (link.hasIndex && !link.alone)))
+        nobt = 1; /* a single bit is meant */
     if (takeCell(prec, dev, &link, nobt, error))
         return -1;
-    if (!dev->mask)
+    if (!dev->mask && nobt == 1)
         dev->mask = 1; /* NOBT is 1: of the whole number, bit 0 */
     return 0;
 }

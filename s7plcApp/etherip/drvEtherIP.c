@@ -28,13 +28,13 @@ enum {
 
 double drvEtherIP_default_rate = 0;
 int EIP_verbosity = 4;
-double EIP_timeout = 0;
+double EIP_TIMEOUT = 0;
 unsigned EIP_buffer_limit = 0;
 unsigned EIP_image_size = imageSize;
 
 static double timeoutMs(void)
 {
-    return EIP_timeout >= 10 && EIP_timeout <= 60000 ? EIP_timeout : defaultTimeout;
+    return EIP_TIMEOUT >= 10 && EIP_TIMEOUT <= 60000 ? EIP_TIMEOUT : defaultTimeout;
 }
 
 static eipPlcSetup setupOf(void)
@@ -397,7 +397,7 @@ static void verbosityCall(const iocshArgBuf *args)
 
 static void timeoutCall(const iocshArgBuf *args)
 {
-    EIP_timeout = args[0].ival;
+    EIP_TIMEOUT = args[0].ival;
 }
 
 static void limitCall(const iocshArgBuf *args)
