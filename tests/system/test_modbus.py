@@ -136,7 +136,8 @@ def test_input_arrays(new_modbus, new_ioc, order):
     ioc.connect(wanted)
     ioc.wait_value("bcd", [26, 11, 23, 59])
     for name, value in wanted.items():  # CA has no bytes with sign; the server is polled piece by piece
-        until(lambda: ioc.plain(name) in (value, [v & 0xFF for v in value]), name)
+        unsigned = [v & 0xFF if isinstance(v, int) else v for v in value]
+        until(lambda: ioc.plain(name) in (value, unsigned), name)
     assert ioc.text("text") == "Modbus"
     assert bytes(ioc.plain("long.VAL$")).startswith(b"Modbus \xb0C\0")
     assert bytes(ioc.plain("chars")).startswith(b"Modbus \xb0C")
@@ -706,7 +707,7 @@ def nothing_waits(ioc):
     """All that an operator does, in much less time than the PLC is given to answer."""
     begin = time.monotonic()
     for value in range(1, 51):
-        ioc.put("out", value)
+        ioc.put("out", value, wait=False)  # who waits for the end of it waits for the PLC
         assert ioc.get("out") == value
         ioc.process_record("in")
     for command in ("dbior s7plc 3", "s7plcReport PLC 2", "s7plcShow PLC", f"dbpr {ioc.P}out 4"):
