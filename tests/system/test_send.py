@@ -148,3 +148,61 @@ def test_exit(state, new_peer, new_ioc, black_hole):
         peer.every(0, bytes(80000))
         until(lambda: ioc.severity("in") == "NO_ALARM", "blocks")
     assert ioc.exit(limit=20) == 0
+
+
+def edges_of(peer, bit):
+    """The values of a bit that the PLC saw, each change once."""
+    seen = [block[0] >> bit & 1 for block in peer.blocks()]
+    return [b for a, b in zip([None] + seen, seen) if a != b]
+
+
+@pytest.mark.parametrize("kind", ["bo", "mbbo", "mbboDirect"])
+def test_pulses(new_peer, new_ioc, kind):
+    """bits that are set and cleared again before a block can leave are seen as set, then as cleared"""
+    field = {"bo": "VAL", "mbbo": "VAL", "mbboDirect": "B0"}[kind]
+    link = "B=0" if kind == "bo" else ""
+    peer = new_peer(0, 2)
+    ioc = new_ioc(peer.configure(send_interval=150), f"""
+        record({kind}, "$(P)bit") {{ field(DTYP, "S7plc") field(OUT, "@PLC/0 T=BYTE {link}") {'' if link else 'field(NOBT, "1")'} }}
+        record(longout, "$(P)n") {{ field(DTYP, "S7plc") field(OUT, "@PLC/1 T=UINT8") }}
+        record(longin, "$(P)waiting") {{ field(DTYP, "S7plc stats") field(INP, "@PLC/putsWaiting") field(SCAN, ".1 second") }}
+        """)
+    peer.wait_connected()
+    ioc.put("n", 1)
+    peer.wait_block(lambda block: block[1] == 1)
+    for value in [1, 0] * 5:
+        ioc.put(f"bit.{field}", value)
+    ioc.put("n", 2)
+    until(lambda: ioc.plain("waiting") > 0, "puts that wait")
+    peer.wait_block(lambda block: block[1] == 2)
+    until(lambda: edges_of(peer, 0)[-1] == 0 and len(edges_of(peer, 0)) >= 11, lambda: str(edges_of(peer, 0)))
+    assert edges_of(peer, 0) == [0] + [1, 0] * 5
+    # the number did not wait for the bits
+    assert next(block for block in peer.blocks() if block[1] == 2)[0] == 1
+    ioc.wait_value("waiting", 0)
+
+
+def test_pulse_while_away(new_peer, new_ioc):
+    """what was put while the PLC was away leaves once; what waits when it goes leaves with its last value"""
+    peer = new_peer(0, 2)
+    ioc = new_ioc(peer.configure(send_interval=500), """
+        record(bo, "$(P)bit") { field(DTYP, "S7plc") field(OUT, "@PLC/0 T=BYTE B=0") }
+        record(longout, "$(P)n") { field(DTYP, "S7plc") field(OUT, "@PLC/1 T=UINT8") }
+        """)
+    peer.wait_connected()
+    ioc.put("n", 1)
+    peer.wait_block(lambda block: block[1] == 1)
+    for value in [1, 0, 1, 0, 1]:
+        ioc.put("bit", value)
+    peer.power_off()
+    ioc.wait_alarm("bit", "INVALID", "COMM", ask=True)
+    for value in [0, 1, 0, 1]:
+        ioc.put("bit", value)
+    ioc.put("n", 2)
+    before = len(peer.connections)
+    peer.power_on()
+    peer.wait_connected(before + 1)
+    peer.wait_block(lambda block: block[1] == 2)
+    ioc.put("n", 3)
+    peer.wait_block(lambda block: block[1] == 3)
+    assert [block[0] for block in peer.connections[-1].blocks()] == [1] * len(peer.connections[-1].blocks())

@@ -1,5 +1,6 @@
-/* Images: validity, masks, the dirty flag, which bits were written, and no torn block
+/* Images: validity, masks, the dirty flag, edges of bits, which bits were written, and no torn block
  * among threads. */
+#include <stdio.h>
 #include <string.h>
 
 #include <epicsAtomic.h>
@@ -48,6 +49,108 @@ static void testInput(void)
            "a long reason is cut to 39 characters");
     plcImagePeek(image, 4, 2, got);
     testOk(memcmp(got, "ef", 2) == 0, "peek shows the last bytes all the same");
+    plcImageDestroy(image);
+}
+
+/* Puts of bits between two takes, as letters: lower case clears, upper case sets bit 0 (a), 1 (b)
+ * of byte 0; "1".."9" put byte 1 as a number; "+" takes; "-" the PLC goes away, "*" it is back; "="
+ * it shows 0x03 in byte 0; "#" closes and opens. Each take is two digits, bytes 0 and 1. */
+static const struct {
+    const char *what, *steps, *taken;
+    unsigned waiting;
+} edges[] = {
+    {"a pulse is seen as set, then as cleared", "*Aa++", "10 00", 0},
+    {"so are two pulses", "*AaAa++++", "10 00 10 00", 0},
+    {"a change that has left may be undone at once", "*A+a+", "10 00", 0},
+    {"what is cleared twice is cleared once", "*Aaa++", "10 00", 0},
+    {"a pulse of 0 too", "*A+aA++", "10 00 10", 0},
+    {"another bit does not wait", "*AaB++", "30 20", 0},
+    {"what follows on one that waits does too", "*AaABb+++", "30 20 10", 0},
+    {"numbers: the newest counts", "*123+", "03", 0},
+    {"numbers do not wait for bits", "*Aa5++", "15 05", 0},
+    {"nothing waits while the PLC is away", "AaA*+", "10", 0},
+    {"what waits is in the image when the PLC goes away", "*AaA-*+", "10", 0},
+    {"and when it is cleared last", "*Aa-*+", "00", 0},
+    {"what the PLC shows voids what waits", "*Aa=+", "30", 0},
+    {"and counts as what has left", "*=a+", "20", 0},
+    {"a change of what it has shown may not be undone", "*=aA++", "20 30", 0},
+    {"what waits is in the image when it is closed", "*Aa#+", "00", 0},
+    {"two of three edges wait", "*AaA", "", 2},
+};
+
+static void edgeStep(plcImage *image, char step, char *taken)
+{
+    static const epicsUInt8 bit[] = {1, 2}, none = 0, shown = 3;
+    epicsUInt8 bytes[2];
+
+    if (strchr("aAbB", step)) {
+        const epicsUInt8 *mask = &bit[(step | 0x20) - 'a'];
+
+        plcImageWrite(image, 0, 1, step & 0x20 ? &none : mask, mask);
+    } else if (step >= '1' && step <= '9') {
+        bytes[0] = (epicsUInt8)(step - '0');
+        plcImageWrite(image, 1, 1, bytes, NULL);
+    } else if (step == '+') {
+        plcImageTake(image, bytes);
+        sprintf(taken + strlen(taken), "%s%d%d", taken[0] ? " " : "", bytes[0], bytes[1]);
+    } else if (step == '=') {
+        plcImageSet(image, 0, 1, &shown, NULL, NULL);
+    } else if (step == '#') {
+        plcImageClose(image, 1);
+        plcImageClose(image, 0);
+    } else {
+        plcImageAway(image, step == '-');
+    }
+}
+
+static void testEdges(void)
+{
+    size_t i;
+
+    for (i = 0; i < sizeof(edges) / sizeof(edges[0]); i++) {
+        plcImage *image = plcImageCreate(2);
+        char taken[80] = "";
+        const char *c;
+
+        plcImageKeepEdges(image, 100);
+        for (c = edges[i].steps; *c; c++)
+            edgeStep(image, *c, taken);
+        testOk(strcmp(taken, edges[i].taken) == 0 &&
+                   plcImagePutsWaiting(image, NULL, NULL) == edges[i].waiting,
+               "%s: %s", edges[i].what, taken);
+        plcImageDestroy(image);
+    }
+}
+
+/* What waits is what is shown; it is dirty until all has left; too many are thinned out. */
+static void testEdgesSeen(void)
+{
+    plcImage *image = plcImageCreate(1);
+    epicsUInt8 seen = 9;
+    plcWritten written;
+    epicsUInt64 dropped = 0;
+    int i, takes = 0;
+
+    plcImageKeepEdges(image, 4);
+    plcImageAway(image, 0);
+    testOk(plcImageWriteCounted(image, 0, 1, "\1", "\1", &written) == 1 && written.takes == 0,
+           "a change of a bit: it leaves with the next take");
+    testOk(plcImageWriteCounted(image, 0, 1, "\0", "\1", &written) == 0 && written.takes == 1,
+           "it is undone: that leaves with the one after it");
+    plcImagePeek(image, 0, 1, &seen);
+    testOk(seen == 0 && plcImageDirty(image), "what was put last is shown");
+    testOk(plcImageTake(image, &seen) == 0 && seen == 1 && plcImageDirty(image),
+           "after the first take it is dirty again");
+    plcImageTake(image, &seen);
+    testOk(seen == 0 && !plcImageDirty(image), "and clean after the second");
+    for (i = 0; i < 41; i++)
+        plcImageWrite(image, 0, 1, i % 2 ? "\0" : "\1", "\1");
+    plcImagePutsThrough(image, &dropped);
+    testOk(dropped > 30 && plcImagePutsWaiting(image, NULL, NULL) <= 4,
+           "too many edges: %u dropped", (unsigned)dropped);
+    while (plcImageDirty(image) && takes++ < 10)
+        plcImageTake(image, &seen);
+    testOk(seen == 1 && takes < 10, "the last value is the last that leaves");
     plcImageDestroy(image);
 }
 
@@ -611,8 +714,10 @@ static void testBitThreads(void)
 
 MAIN(imageTest)
 {
-    testPlan(13 + 10 + 10 + 3 + 8 + 11 + 4 + 1 + 3 + 1);
+    testPlan(17 + 7 + 13 + 10 + 10 + 3 + 8 + 11 + 4 + 1 + 3 + 1);
     testDiag("Input");
+    testEdges();
+    testEdgesSeen();
     testInput();
     testDiag("Output");
     testWrites();

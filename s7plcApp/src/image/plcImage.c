@@ -41,6 +41,9 @@ struct plcImage {
     size_t takes;                 /* how often the output was taken */
     char reason[PLC_REASON_SIZE]; /* "" when valid */
     plcPuts *puts;       /* what was written and has not left; NULL: not kept */
+    plcPuts *edges;      /* puts that wait for the next take; NULL: none ever does */
+    int away;            /* nobody takes: none waits */
+    epicsUInt8 *batch;   /* edges: room for a mask as large as the image */
     epicsUInt8 *ours;    /* bits ever written, and not set since */
     int allEdges;        /* every value is to leave, not only of single bits */
 };
@@ -70,6 +73,8 @@ void plcImageDestroy(plcImage *image)
     free(image->words[0]);
     free(image->words[1]);
     plcPutsDestroy(image->puts);
+    plcPutsDestroy(image->edges);
+    free(image->batch);
     free(image->ours);
     free(image);
 }
@@ -200,6 +205,18 @@ static void setDirty(plcImage *image, int dirty)
     __atomic_store_n(&image->dirty, dirty, __ATOMIC_RELEASE);
 }
 
+/* Of an image that keeps edges: its bytes when it was taken last. */
+static epicsUInt8 *leftOf(const plcImage *image)
+{
+    return (epicsUInt8 *)(image->words[!(image->blocks & 1)] + STAMP_WORDS);
+}
+
+/* True when puts wait for the next take. The lock is held. */
+static int someWait(const plcImage *image)
+{
+    return image->edges && plcPutsCount(image->edges);
+}
+
 /* Only the bits set in mask; NULL: all. */
 static void put(epicsUInt8 *to, const epicsUInt8 *from, const epicsUInt8 *mask,
                 size_t length)
@@ -248,6 +265,59 @@ static void unmark(plcImage *image, size_t offset, size_t length, const epicsUIn
     plcPutsVoid(image->puts, offset, length, mask);
 }
 
+/* True when the put would undo a change of a bit that has not left, or comes behind one that
+ * waits. The lock is held. */
+static int mustWait(const plcImage *image, size_t offset, size_t length, const epicsUInt8 *src,
+                    const epicsUInt8 *mask)
+{
+    const epicsUInt8 *now = bytesOf(image) + offset, *left = leftOf(image) + offset;
+    size_t i;
+
+    if (!image->edges || image->away)
+        return 0;
+    if (plcPutsCount(image->edges) && plcPutsOverlay(image->edges, offset, length, mask, NULL))
+        return 1;
+    for (i = 0; mask && i < length; i++)
+        if ((now[i] ^ left[i]) & (now[i] ^ src[i]) & mask[i])
+            return 1;
+    return 0;
+}
+
+/* What waits is in the image now, the newest of each bit, at these bytes. The lock is held. */
+static void waitNoMore(plcImage *image, size_t offset, size_t length, const epicsUInt8 *mask)
+{
+    if (!someWait(image))
+        return;
+    plcPutsOverlay(image->edges, offset, length, mask, bytesOf(image) + offset);
+    plcPutsVoid(image->edges, offset, length, mask);
+}
+
+/* What the PLC holds, for all that is known, is this. The lock is held. */
+static void hasLeft(plcImage *image)
+{
+    if (image->edges && image->size)
+        memcpy(leftOf(image), bytesOf(image), image->size);
+}
+
+static int always(void *arg, const plcPut *what)
+{
+    (void)arg, (void)what;
+    return 1;
+}
+
+/* The image was taken: what waits is written, until a bit would change again. The lock is held.
+ * Returns how many wait still. */
+static unsigned writeWaiting(plcImage *image)
+{
+    if (!someWait(image))
+        return 0;
+    memset(image->batch, 0, image->size);
+    plcPutsTake(image->edges, always, NULL, bytesOf(image), image->batch);
+    plcPutsDone(image->edges);
+    setDirty(image, 1);
+    return plcPutsCount(image->edges);
+}
+
 int plcImageWriteCounted(plcImage *image, size_t offset, size_t length, const void *src,
                          const void *mask, plcWritten *written)
 {
@@ -260,7 +330,14 @@ int plcImageWriteCounted(plcImage *image, size_t offset, size_t length, const vo
         epicsMutexUnlock(image->lock);
         return -1;
     }
-    put(bytesOf(image) + offset, src, mask, length);
+    if (mustWait(image, offset, length, src, mask)) {
+        plcPut what = {offset, length, src, mask};
+
+        plcPutsAdd(image->edges, &what, mask != NULL);
+        written->takes += plcPutsCount(image->edges);
+    } else {
+        put(bytesOf(image) + offset, src, mask, length);
+    }
     if (image->puts)
         written->number = mark(image, offset, length, src, mask);
     first = !plcImageDirty(image);
@@ -291,6 +368,8 @@ void plcImageClose(plcImage *image, int closed)
 {
     epicsMutexMustLock(image->lock);
     image->closed = closed;
+    if (closed)
+        waitNoMore(image, 0, image->size, NULL);
     epicsMutexUnlock(image->lock);
 }
 
@@ -302,10 +381,13 @@ int plcImageSet(plcImage *image, size_t offset, size_t length, const void *src,
 
     epicsMutexMustLock(image->lock);
     to = bytesOf(image) + offset;
+    waitNoMore(image, offset, length, mask);
     wanted = !expected || memcmp(to, expected, length) == 0;
     changed = wanted && differs(to, src, mask, length);
     if (changed)
         put(to, src, mask, length);
+    if (wanted && image->edges)
+        put(leftOf(image) + offset, src, mask, length);
     if (wanted && image->puts)
         unmark(image, offset, length, mask);
     epicsMutexUnlock(image->lock);
@@ -330,21 +412,27 @@ static void forget(plcImage *image)
     setDirty(image, 0);
     if (image->puts)
         plcPutsVoidAll(image->puts);
+    hasLeft(image);
 }
 
-void plcImageTake(plcImage *image, void *dst)
+unsigned plcImageTake(plcImage *image, void *dst)
 {
+    unsigned waiting;
+
     epicsMutexMustLock(image->lock);
     if (image->size)
         memcpy(dst, bytesOf(image), image->size);
     forget(image);
     image->takes++;
+    waiting = writeWaiting(image);
     epicsMutexUnlock(image->lock);
+    return waiting;
 }
 
 void plcImageForget(plcImage *image)
 {
     epicsMutexMustLock(image->lock);
+    waitNoMore(image, 0, image->size, NULL);
     forget(image);
     epicsMutexUnlock(image->lock);
 }
@@ -354,7 +442,30 @@ void plcImagePeek(plcImage *image, size_t offset, size_t length, void *dst)
     epicsMutexMustLock(image->lock);
     if (length)
         memcpy(dst, bytesOf(image) + offset, length);
+    if (length && someWait(image))
+        plcPutsOverlay(image->edges, offset, length, NULL, dst);
     epicsMutexUnlock(image->lock);
+}
+
+/* --- Whole images, and the edges of bits -------------------------------------------- */
+
+void plcImageKeepEdges(plcImage *image, unsigned most)
+{
+    epicsMutexMustLock(image->lock);
+    if (!image->edges && !image->puts) {
+        image->edges = plcPutsCreate(image->size, most);
+        image->batch = callocMustSucceed(image->size + 1, 1, "plcImageKeepEdges");
+        image->away = 1;
+    }
+    epicsMutexUnlock(image->lock);
+}
+
+/* The lock is held. */
+static void edgesAway(plcImage *image, int away)
+{
+    waitNoMore(image, 0, image->size, NULL);
+    hasLeft(image);
+    image->away = away;
 }
 
 /* --- Output that leaves piece by piece --------------------------------------------- */
@@ -363,6 +474,8 @@ void plcImageKeepPuts(plcImage *image, unsigned most)
 {
     epicsMutexMustLock(image->lock);
     if (!image->puts) {
+        plcPutsDestroy(image->edges); /* all edges are kept in another way */
+        image->edges = NULL;
         image->puts = plcPutsCreate(image->size, most);
         image->ours = callocMustSucceed(image->size + 1, 1, "plcImageKeepPuts");
     }
@@ -379,10 +492,14 @@ void plcImageAllEdges(plcImage *image, int all)
 void plcImageAway(plcImage *image, int away)
 {
     epicsMutexMustLock(image->lock);
-    plcPutsBack(image->puts);
-    plcPutsAway(image->puts, away);
-    if (!away && plcPutsCount(image->puts))
-        setDirty(image, 1);
+    if (image->edges)
+        edgesAway(image, away);
+    if (image->puts) {
+        plcPutsBack(image->puts);
+        plcPutsAway(image->puts, away);
+        if (!away && plcPutsCount(image->puts))
+            setDirty(image, 1);
+    }
     epicsMutexUnlock(image->lock);
 }
 
@@ -418,9 +535,12 @@ unsigned plcImagePutsWaiting(plcImage *image, void *values, void *mask)
     unsigned count;
 
     epicsMutexMustLock(image->lock);
-    count = plcPutsCount(image->puts);
-    if (mask && image->size) {
+    count = image->puts ? plcPutsCount(image->puts) : 0;
+    if (image->edges)
+        count = plcPutsCount(image->edges);
+    if (mask && image->size)
         memset(bits, 0, image->size);
+    if (mask && image->size && image->puts) {
         plcPutsBits(image->puts, bits);
     }
     if (mask && values)
@@ -434,9 +554,11 @@ epicsUInt64 plcImagePutsThrough(plcImage *image, epicsUInt64 *dropped)
     epicsUInt64 through;
 
     epicsMutexMustLock(image->lock);
-    through = plcPutsThrough(image->puts);
+    through = image->puts ? plcPutsThrough(image->puts) : 0;
     if (dropped)
-        *dropped = plcPutsDropped(image->puts);
+        *dropped = image->puts    ? plcPutsDropped(image->puts)
+                   : image->edges ? plcPutsDropped(image->edges)
+                                  : 0;
     epicsMutexUnlock(image->lock);
     return through;
 }

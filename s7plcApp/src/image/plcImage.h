@@ -57,8 +57,8 @@ int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src
 
 /* What became of a write. */
 typedef struct plcWritten {
-    size_t takes;       /* how often the image had been taken just before: it leaves with a
-                         * later take */
+    size_t takes;       /* how often the image had been taken just before, or will have been at
+                         * most when a put that waits is written: it leaves with a later take */
     epicsUInt64 number; /* of the put; 0: the image does not keep puts */
 } plcWritten;
 
@@ -78,8 +78,16 @@ int plcImageDirty(plcImage *image);
 /* Marks the image as written, so that it leaves again (reconnect, forced send). */
 void plcImageTouch(plcImage *image);
 
-/* Copies the whole image to `dst` and forgets that it was written. */
-void plcImageTake(plcImage *image, void *dst);
+/* From now on no edge of a bit is lost, though only whole images leave: a put of single bits
+ * that would undo a change which has not left waits, and so does every put to these bits after
+ * it. At most `most` wait in their order. Without effect where puts are kept (see below).
+ * Call it before the first write; the PLC is away (plcImageAway). */
+void plcImageKeepEdges(plcImage *image, unsigned most);
+
+/* Copies the whole image to `dst` and forgets that it was written. What waited is written now,
+ * from the first put on, until one would change a bit again; the image is dirty by that. Returns
+ * how many puts wait still. */
+unsigned plcImageTake(plcImage *image, void *dst);
 
 /* Sets bytes without a write: they do not leave because of it, and a closed image takes
  * them too. expected (may be NULL): only if the image holds just these bytes now.
@@ -98,7 +106,8 @@ void plcImageKeepPuts(plcImage *image, unsigned most);
 void plcImageAllEdges(plcImage *image, int all);
 
 /* The PLC is away (1), or back (0): what is under way waits again, and makes the image dirty
- * when it is back. */
+ * when it is back. Of puts that wait for their edges the image holds the newest, and none waits
+ * while it is away; so, too, when the image is closed. */
 void plcImageAway(plcImage *image, int away);
 
 /* The puts are somebody's business now: a take of the image, which copies nothing. */
@@ -109,11 +118,11 @@ unsigned plcImageTakePuts(plcImage *image, int (*joins)(void *arg, const plcPut 
                           void *arg, void *values, void *mask);
 void plcImagePutsDone(plcImage *image);
 
-/* How many puts wait or are under way; their bits in mask, and what the image holds there, in
- * values (both as large as the image, may be NULL). */
+/* How many puts wait or are under way; of puts that are kept also their bits in mask, and what
+ * the image holds there, in values (both as large as the image, may be NULL). */
 unsigned plcImagePutsWaiting(plcImage *image, void *values, void *mask);
 
-/* All puts up to this number are through, or void; and how many were dropped (may be NULL)
+/* All puts that are kept, up to this number, are through, or void; and how many were dropped (may be NULL)
  * since the beginning, because too many waited. */
 epicsUInt64 plcImagePutsThrough(plcImage *image, epicsUInt64 *dropped);
 
@@ -131,7 +140,8 @@ int plcImageOwe(plcImage *image, const void *shown, const epicsUInt8 *glue);
  * written stay remembered. */
 void plcImageForget(plcImage *image);
 
-/* Copies without forgetting (show, read-back of an output). */
+/* Copies without forgetting (show, read-back of an output): what was put last, also where it
+ * waits. */
 void plcImagePeek(plcImage *image, size_t offset, size_t length, void *dst);
 
 #endif /* INC_plcImage_H */

@@ -323,6 +323,31 @@ static void addBits(const ELLLIST *list, epicsUInt8 *mask)
     }
 }
 
+int plcPutsOverlay(const plcPuts *p, size_t offset, size_t length, const void *mask, void *bytes)
+{
+    const epicsUInt8 *wanted = mask;
+    epicsUInt8 *to = bytes, bits;
+    ELLNODE *node;
+    size_t i, at;
+    int any = 0;
+
+    for (node = ellFirst(&p->waiting); node; node = ellNext(node)) {
+        entry *e = (entry *)node;
+
+        for (i = 0; i < e->length; i++) {
+            at = e->offset + i;
+            if (at < offset || at - offset >= length)
+                continue;
+            bits = (epicsUInt8)((e->masked ? maskOf(e)[i] : 0xff) &
+                                (wanted ? wanted[at - offset] : 0xff));
+            any |= bits;
+            if (to)
+                to[at - offset] = (epicsUInt8)((to[at - offset] & ~bits) | (e->bytes[i] & bits));
+        }
+    }
+    return any != 0;
+}
+
 void plcPutsBits(const plcPuts *p, void *mask)
 {
     addBits(&p->underWay, mask);

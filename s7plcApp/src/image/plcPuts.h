@@ -62,6 +62,12 @@ void plcPutsBack(plcPuts *puts);
 /* How many wait or are under way. */
 unsigned plcPutsCount(const plcPuts *puts);
 
+/* What waits at `length` bytes from `offset` on, into `bytes` (NULL: it is only looked whether
+ * there is any), the newest last; only the bits in mask (NULL: all). Returns 1 when there was
+ * any. */
+int plcPutsOverlay(const plcPuts *puts, size_t offset, size_t length, const void *mask,
+                   void *bytes);
+
 /* Sets in mask (as large as the image) the bits of all that wait or are under way. */
 void plcPutsBits(const plcPuts *puts, void *mask);
 

@@ -362,7 +362,7 @@ static void advance(place *p, const epicsUInt8 *shown)
 /* True when the PLC has had time enough since the put has left. */
 static int isOver(place *p, size_t takes, epicsUInt64 now, epicsUInt64 patience, int through)
 {
-    if (!p->left && through && takes != p->takes) {
+    if (!p->left && through && takes > p->takes) {
         p->left = 1;
         p->since = now;
     }

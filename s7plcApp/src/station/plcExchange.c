@@ -20,9 +20,6 @@
 /* Beyond what requests may take, until a worker that makes none is given up, ms. */
 #define SILENCE_MS 1000
 
-/* So many puts wait in their order; of more, the newest of each place. */
-#define PUTS_MAX 1000
-
 /* Until a callback is asked for again, ms. */
 #define ASK_AGAIN_MS 10
 
@@ -47,7 +44,7 @@ void plcExchangeCreate(plcStation *s, const plcTransport *transport, const void 
     x->output = callocMustSucceed(3, s->outSize + 1, "plcExchangeCreate");
     x->image = x->output + s->outSize;
     x->mask = x->image + s->outSize;
-    plcImageKeepPuts(s->out, PUTS_MAX);
+    plcImageKeepPuts(s->out, PLC_PUTS_MAX);
     setup.out = s->out;
     x->pvt = transport->create(&setup, own);
     s->exchange = x;
@@ -145,26 +142,6 @@ void plcExchangeUp(plcStation *s)
     x->ordered = 0;
     x->waiting = 1;
     startWhenReady(s);
-}
-
-/* How many puts wait. Too many: that is said once, until none waits. */
-static void countPuts(plcStation *s)
-{
-    plcExchange *x = s->exchange;
-    epicsUInt64 dropped;
-    unsigned waiting = plcImagePutsWaiting(s->out, NULL, NULL);
-
-    plcImagePutsThrough(s->out, &dropped);
-    epicsMutexMustLock(s->lock);
-    s->stats.putsWaiting = waiting;
-    s->stats.putsDropped += dropped - x->dropped;
-    epicsMutexUnlock(s->lock);
-    if (dropped != x->dropped && !x->saidDropped)
-        plcStationLog(s, errlogMinor,
-                      "puts come faster than the PLC takes them: of each place the newest "
-                      "is kept");
-    x->saidDropped = waiting && (x->saidDropped || dropped != x->dropped);
-    x->dropped = dropped;
 }
 
 /* Records that wait for their put are told, when it may be through. Where the queue of callbacks
@@ -388,7 +365,7 @@ static void takeNews(plcStation *s, epicsUInt64 now)
 void plcExchangeStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
 {
     takeNews(s, now);
-    countPuts(s);
+    plcStationCountPuts(s);
     tellThrough(s, now, wake);
     watchWorker(s, now, wake);
 }

@@ -193,6 +193,7 @@ plcStation *plcStationCreate(const plcStationConfig *config)
     s->policyPvt = config->policyPvt;
     s->in = plcImageCreate(s->inSize);
     s->out = plcImageCreate(s->outSize);
+    plcImageKeepEdges(s->out, PLC_PUTS_MAX);
     s->inScan = plcScanCreate(s->inSize, passDone, s);
     s->outScan = plcScanCreate(s->outSize, NULL, NULL);
     s->statusScan = plcScanCreate(0, NULL, NULL);
@@ -826,6 +827,7 @@ void plcStationStats(plcStation *s, plcStats *stats)
 {
     epicsMutexMustLock(s->lock);
     *stats = s->stats;
+    stats->putsWaiting = plcImagePutsWaiting(s->out, NULL, NULL);
     epicsMutexUnlock(s->lock);
 }
 

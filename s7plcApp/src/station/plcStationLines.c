@@ -87,6 +87,8 @@ PLC_COLD static void setLeader(plcStation *s, int leader, epicsUInt64 now)
     if (leader >= 0)
         epicsTimeGetCurrent(&s->stats.connectTime);
     epicsMutexUnlock(s->lock);
+    if (!s->exchange)
+        plcImageAway(s->out, leader < 0);
     plcInputSetLeads(s);
     plcInputSyncLeader(s, now);
     if (leader >= 0) {

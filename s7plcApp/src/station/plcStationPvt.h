@@ -43,8 +43,6 @@ typedef struct plcExchange {
     int unread;            /* the PLC does not show its outputs */
     epicsUInt64 ordered;   /* when the oldest put under way was made; 0: none is */
     epicsUInt64 told;      /* up to where all was through when that was last told */
-    epicsUInt64 dropped;   /* puts, since the beginning */
-    int saidDropped;       /* that there are too many */
     int users;             /* plcUsersChanges when the worker was told where values lie */
     epicsUInt64 sign;      /* the last request was through then; 0: there is none to come */
 } plcExchange;
@@ -157,6 +155,8 @@ struct plcStation {
     int holding;
     epicsTimeStamp heldStamp;
     epicsUInt64 dirtySince; /* 0: output image not written */
+    epicsUInt64 putsDropped; /* since the beginning */
+    int saidDropped;         /* that there are too many */
     epicsUInt64 lastSend;   /* 0: nothing sent on this connection */
     epicsUInt64 slowSince;  /* a block waits until the one before has left; 0: none */
     epicsUInt64 slowLook;   /* ns until it is looked again */
@@ -178,6 +178,12 @@ enum { plcLayoutUnknown, plcLayoutAgrees, plcLayoutDiffers };
 
 /* The thread's main function. */
 void plcStationThread(void *arg);
+
+/* So many puts wait in their order; of more, the newest of each place. */
+#define PLC_PUTS_MAX 1000
+
+/* Counts puts that were dropped because too many wait; says so once, until none waits. */
+void plcStationCountPuts(plcStation *station);
 
 /* The last thing that the thread does. */
 void plcStationEnds(plcStation *station);

@@ -58,6 +58,26 @@ PLC_COLD void plcStationLog(plcStation *s, int severity, const char *text)
 /* --- Output
  * -----------------------------------------------------------------------------*/
 
+void plcStationCountPuts(plcStation *s)
+{
+    epicsUInt64 dropped, more;
+    int some = plcImagePutsWaiting(s->out, NULL, NULL) > 0;
+
+    plcImagePutsThrough(s->out, &dropped);
+    more = dropped - s->putsDropped;
+    s->putsDropped = dropped;
+    if (more) {
+        epicsMutexMustLock(s->lock);
+        s->stats.putsDropped += more;
+        epicsMutexUnlock(s->lock);
+    }
+    if (more && !s->saidDropped)
+        plcStationLog(s, errlogMinor,
+                      "puts come faster than the PLC takes them: of each place the newest "
+                      "is kept");
+    s->saidDropped = some && (s->saidDropped || more);
+}
+
 static void countSent(plcStation *s, epicsUInt64 now)
 {
     epicsMutexMustLock(s->lock);
@@ -179,7 +199,8 @@ static void outputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     }
     s->slowSince = 0;
     epicsAtomicSetIntT(&s->sendNow, 0);
-    plcImageTake(s->out, c->out);
+    if (plcImageTake(s->out, c->out) || s->saidDropped)
+        plcStationCountPuts(s);
     if (s->now.sync)
         plcSyncHeader(&s->sync, c->out, s->bigEndian);
     if (s->tables.command)
