@@ -182,6 +182,9 @@ OTHERS = {
     "source": SOURCE.encode("utf-8"),
     "iec": b"(*@PROPERTIES_EX@\nTYPE: POU\n*)\nTYPE\n  Drive : STRUCT\n    Run : BOOL; (* runs *)\n"
            b"    Name : STRING(10);\n  END_STRUCT;\n  Mode : (Off, On);\nEND_TYPE\n",
+    "outline": b"DB12\n000.0: STATIC: STRUCT\n000.0: \tSTAT0: STRUCT\n000.0: \t\tRun: BOOL := True\n"
+               b"000.1: \t\tStop: BOOL\n002.0: \t\tRows: ARRAY [1..2] OF STRUCT\n002.0: \t\t\tA: BYTE\n"
+               b"004.0: \t\t\tB: INT := 5\n010.0: \t\tName: STRING[9] := ''x''\n021.0: \t\tLast: BYTE",
     "offsets": b"Name\tData type\tOffset\tComment\n Static\t\t\t\nRun\tBool\t0.0\truns\nSpeed\tInt\t2.0\t\n"
                b"Ramp\tArray[1..3] of Real\t4.0\t\nLate\tInt\t...\t\n",
     "plain offsets": b"0 Run BOOL\n2 Speed INT\n+4.0 Name STRING[10]\n",

@@ -129,6 +129,19 @@ def test_optimised_source(tmp_path):
     assert "o.bin:10: \"Motor\" has optimised access" in result.err
 
 
+def test_outline(tmp_path):
+    """an outline of a compiled block: its offsets are those of the rules, else it is told"""
+    data = forms.OTHERS["outline"]
+    found, result = imported(tmp_path, data)
+    assert found == {"DB12.Run": ("DB12.DBX0.0", "BOOL", ""), "DB12.Stop": ("DB12.DBX0.1", "BOOL", ""),
+                     "DB12.Rows[1].A": ("DB12.DBB2", "BYTE", ""), "DB12.Rows[1].B": ("DB12.DBW4", "INT", ""),
+                     "DB12.Rows[2].A": ("DB12.DBB6", "BYTE", ""), "DB12.Rows[2].B": ("DB12.DBW8", "INT", ""),
+                     "DB12.Name": ("DB12.DBB10", "STRING[9]", ""), "DB12.Last": ("DB12.DBB21", "BYTE", "")}
+    result = plcmap("import", write(tmp_path, "w", data.replace(b"021.0", b"022.0")))
+    assert result.status == 1 and "w.bin:10: Last is at 22.0 here, and at 21.0 by the layout rules" in \
+        result.err
+
+
 def test_offsets(tmp_path):
     """texts with offsets, in two forms"""
     found, result = imported(tmp_path, forms.OTHERS["offsets"], "--db", "X=6")

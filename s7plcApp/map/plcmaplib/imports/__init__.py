@@ -6,9 +6,9 @@ import re
 from ..files import empty, is_workbook, load_sheets
 from ..problems import Place, Refused
 from ..sheets import decode, read_bytes, csv_rows
-from . import iecxml, merge, rockwell, s7source, s7table, sheetform, tia
+from . import iecxml, merge, outline, rockwell, s7source, s7table, sheetform, tia
 
-FORMS = ("STEP 7 .asc .sdf .seq .dif; sources of data blocks and types; TIA tag tables (.xlsx .xml "
+FORMS = ("STEP 7 .asc .sdf .seq .dif; sources of data blocks and types; outlines; TIA tag tables (.xlsx .xml "
          ".sdf, Openness); texts with name, type and offset; Rockwell CSV, L5K, L5X; TwinCAT .tmc; "
          "CODESYS symbol configuration; PLCopen XML; PC WORX; S7-Project-Explorer CSV; with "
          "--columns sheets of your own")
@@ -44,6 +44,7 @@ def read_file(path, args, report):
 def _read_text(text, path, args, report):
     forms = [(rockwell.is_csv(text), lambda: rockwell.read_csv(text, path, report)),
              (rockwell.is_l5k(text), lambda: rockwell.read_l5k(text, path, report)),
+             (outline.is_outline(text), lambda: outline.read(text, path, report)),
              (s7source.is_source(text), lambda: s7source.read(text, path, report)),
              (s7table.is_dif(text), lambda: s7table.read_dif(text, path, report)),
              (s7table.is_explorer(text), lambda: s7table.read_explorer(text, path, report)),

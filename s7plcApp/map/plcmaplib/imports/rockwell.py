@@ -63,6 +63,9 @@ def read_csv(text, path, report):
         if columns is None:
             if cells[:3] == ["TYPE", "SCOPE", "NAME"]:
                 columns = {c: i for i, c in enumerate(cells)}
+                for name in ("DESCRIPTION", "DATATYPE", "SPECIFIER"):
+                    if name not in columns:
+                        raise Refused("the column %s is missing" % name, Place(path, number))
             continue
         if not any(cells):
             continue
