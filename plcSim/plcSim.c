@@ -19,6 +19,8 @@
 #include "simServers.h"
 
 #define MAX_COMMANDS 64
+#define TEXT(x) #x
+#define TEXT_OF(x) TEXT(x) /* of what the Makefile defines */
 
 typedef struct options {
     const char *file;
@@ -80,6 +82,7 @@ static int usage(FILE *fp)
         "  -q, --quiet               print only where it listens, and errors\n"
         "  -s, --seconds <n>         end after n seconds\n"
         "  -k, --check               check the file, then end\n"
+        "  -V, --version             print the release of plclink\n"
         "  -h, --help                this text\n"
         "\nKeys of the file, with their defaults:\n%s"
         "\nStatements of the file: docs/plcsim.md. Type `help` for commands.\n",
@@ -102,13 +105,14 @@ static int readOptions(options *opt, int argc, char **argv)
         {"quiet",    no_argument,       NULL, 'q'},
         {"seconds",  required_argument, NULL, 's'},
         {"check",    no_argument,       NULL, 'k'},
+        {"version",  no_argument,       NULL, 'V'},
         {"help",     no_argument,       NULL, 'h'},
         {NULL,       0,                 NULL, 0  },
     };
     int c;
 
     memset(opt, 0, sizeof(*opt));
-    while ((c = getopt_long(argc, argv, "a:p:o:c:e:C:nqs:kh", longOptions, NULL)) != -1) {
+    while ((c = getopt_long(argc, argv, "a:p:o:c:e:C:nqs:kVh", longOptions, NULL)) != -1) {
         switch (c) {
         case 'a':
             opt->address = optarg;
@@ -144,6 +148,9 @@ static int readOptions(options *opt, int argc, char **argv)
         case 'k':
             opt->check = 1;
             break;
+        case 'V':
+            printf("plcSim, plclink %s\n", TEXT_OF(PLCLINK_VERSION));
+            return 0;
         case 'h':
             return usage(stdout);
         default:

@@ -27,6 +27,9 @@ extern int s7plcDebug;
                                 away, the value is kept and leaves on reconnect */
 #define S7PLC_REFUSED (-3)   /* writes are refused now; nothing was written */
 
+/* The release of plclink that this library is from, such as "1.0.0"; a constant. */
+const char *s7plcVersion(void);
+
 /* Makes a station; the iocsh command of the same name. Times in ms; recvTimeout 0 means
  * 2000, sendInterval 0 means 1000. inSize or outSize (bytes) may be 0; so may IPaddr be ""
  * when a record of DTYP "S7plc addr" brings it. bigEndian: 1 = most significant byte

@@ -14,4 +14,7 @@ The floors, bottom up; each module imports only from those before it:
     prove                    IOC and simulator run against each other
     main                     the command line
 """
-VERSION = "1.0"
+try:
+    from .version import VERSION    # made from configure/CONFIG_PLCLINK_VERSION by make
+except ImportError:
+    VERSION = "unknown (not built)"

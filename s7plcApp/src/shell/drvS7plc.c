@@ -23,6 +23,7 @@
 #include "plcScan.h"
 #include "plcShow.h"
 #include "plcStation.h"
+#include "plcVersion.h"
 
 #include <epicsExport.h>
 
@@ -206,6 +207,12 @@ static void reportOne(plcStation *station, void *arg)
     }
 }
 
+static void reportAll(reportArgs *r)
+{
+    fprintf(r->file, "plclink %s\n", s7plcVersion());
+    plcStationEach(reportOne, r);
+}
+
 static void resetOne(plcStation *station, void *arg)
 {
     (void)arg;
@@ -223,7 +230,7 @@ static void reportCall(const iocshArgBuf *args)
         iocshSetError(fprintf(stderr, "s7plcReport: level \"%s\"; allowed: 0 to 3\n",
                               args[1].sval));
     else if (!args[0].sval)
-        plcStationEach(reportOne, &r);
+        reportAll(&r);
     else if ((station = needStation("s7plcReport", args[0].sval)))
         reportOne(station, &r);
 }
@@ -380,6 +387,8 @@ void plcDriverRegister(void)
 
 /* --- Driver entry -----------------------------------------------------------------------*/
 
+static int hooked; /* an IOC that has ended has dropped its hooks */
+
 /* The end comes while there still are records. Base announces it since 7.0.4; before, the exit
  * handler that was registered last runs first: Base registers its own in initDatabase. */
 #if EPICS_VERSION_INT >= VERSION_INT(7, 0, 4, 0)
@@ -392,8 +401,6 @@ static void stop(void *arg)
     plcStationsStop();
 }
 #endif
-
-static int hooked; /* an IOC that has ended has dropped its hooks */
 
 static void hook(initHookState state)
 {
@@ -422,6 +429,7 @@ void plcDriverInit(void)
 
 static long init(void)
 {
+    printf("s7plc: plclink %s\n", s7plcVersion());
     plcDriverInit();
     return 0;
 }
@@ -431,7 +439,7 @@ static long report(int level)
 {
     reportArgs r = {stdout, level};
 
-    plcStationEach(reportOne, &r);
+    reportAll(&r);
     return 0;
 }
 
