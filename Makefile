@@ -8,7 +8,7 @@ ifneq ($(words $(CURDIR)),1)
   $(error EPICS cannot build in a path with a blank: "$(CURDIR)". Move the tree)
 endif
 
-.PHONY: help demo demo-redundant demo-sync demo-asyn demo-modbus demo-tables demo-etherip demo-map test bench
+.PHONY: help demo demo-redundant demo-sync demo-asyn demo-modbus demo-tables demo-etherip demo-map test bench docs
 
 HELP = "make                 build (needs EPICS_BASE, see configure/RELEASE)" \
     "make rebuild         clean, then build: after an update of the sources" \
@@ -24,13 +24,16 @@ HELP = "make                 build (needs EPICS_BASE, see configure/RELEASE)" \
     "make demo-asyn       the same PLC as an asyn port (where ASYN is set)" \
     "make test            all tests" \
     "make bench           speed" \
-    "The demos, test and bench bring all they need on Debian, an EPICS Base too."
+    "make docs            the documents as a site in docs/O.site; each warning is an error" \
+    "The demos, test, bench and docs bring all they need on Debian, an EPICS Base too."
 
 # Where a Base is named, make reads all the files that may do it.
 include configure/RELEASE
 
 ifneq ($(filter help,$(MAKECMDGOALS)),)
   help: ; @printf '%s\n' $(HELP)
+else ifneq ($(filter docs,$(MAKECMDGOALS)),)
+  docs: ; @docs/build
 else ifneq ($(filter demo demo-% test bench,$(MAKECMDGOALS)),)
   ifneq ($(origin EPICS_BASE),file)
     # GNU make makes this included file when it is missing, then reads it and goes on.

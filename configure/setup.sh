@@ -6,6 +6,7 @@
 #   configure/setup.sh release write EPICS_BASE from the environment into configure/RELEASE.local
 #   configure/setup.sh map     what plcmap needs: Python
 #   configure/setup.sh python  make the Python environment of the system tests, print its path
+#   configure/setup.sh docs    the same of the tools for the documents
 #
 # Debian 12 and 13. What is there already is used; nothing is downloaded twice. Everything
 # that is built goes to a cache outside the tree: $PLCLINK_CACHE, default ~/.cache/plclink.
@@ -132,22 +133,31 @@ write_release() {
     mv configure/RELEASE.local.new configure/RELEASE.local
 }
 
-python() {
-    packages python3-venv mbpoll iproute2 iptables iputils-ping procps
-    want=$(cksum <tests/requirements.txt | cut -d' ' -f1)
-    venv=$cache/venv-$(python3 -c 'import sys; print("%d.%d" % sys.version_info[:2])')-$want
+# Makes the Python environment $1 from the requirements file $2, prints its path.
+environment() {
+    want=$(cksum <"$2" | cut -d' ' -f1)
+    venv=$cache/$1-$(python3 -c 'import sys; print("%d.%d" % sys.version_info[:2])')-$want
+    mkdir -p "$cache"
     (
         flock 9
         if ! [ -e "$venv/.complete" ]; then
-            say "making the Python environment of the tests in $venv"
-            mkdir -p "$cache"
+            say "making a Python environment from $2 in $venv"
             python3 -m venv --clear "$venv" &&
-                "$venv/bin/pip" install -q --disable-pip-version-check \
-                    -r tests/requirements.txt >&2 &&
+                "$venv/bin/pip" install -q --disable-pip-version-check -r "$2" >&2 &&
                 touch "$venv/.complete"
         fi
-    ) 9>"$cache/lock" || die "pip could not install tests/requirements.txt"
+    ) 9>"$cache/lock" || die "pip could not install $2"
     echo "$venv"
+}
+
+python() {
+    packages python3-venv mbpoll iproute2 iptables iputils-ping procps
+    environment venv tests/requirements.txt
+}
+
+documents() {
+    packages python3-venv
+    environment docs docs/requirements.txt
 }
 
 case ${1:-} in
@@ -155,6 +165,7 @@ case ${1:-} in
     map) packages python3 ;;
     named) named ;;
     release) write_release "$EPICS_BASE" ;;
-    python) mkdir -p "$cache"; python ;;
-    *) die "usage: configure/setup.sh base|map|named|release|python" ;;
+    python) python ;;
+    docs) documents ;;
+    *) die "usage: configure/setup.sh base|map|named|release|python|docs" ;;
 esac

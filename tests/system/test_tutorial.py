@@ -1,0 +1,87 @@
+"""docs/tutorial.md: its files are taken out of it, and what it promises happens."""
+import re
+import xml.etree.ElementTree as xml
+
+import pytest
+
+from client import TOP
+from ioc import Ioc, errors_in
+
+TEXT = (TOP / "docs/tutorial.md").read_text()
+
+
+def file(name):
+    """The block behind `name`:"""
+    found = re.search(rf"`{re.escape(name)}`[^`]*?:\n\n```\w*\n(.*?)^```", TEXT,
+                      re.DOTALL | re.MULTILINE)
+    assert found, f"no block for {name}"
+    return found.group(1)
+
+
+@pytest.fixture
+def pump(tmp_path, new_sim, closing):
+    """pump.sim is the PLC; pump() starts the IOC, in a folder beside dbd and db."""
+    for name in ("dbd", "db"):
+        (tmp_path / name).symlink_to(TOP / name)
+    folder = tmp_path / "pump"
+    folder.mkdir()
+    sim = new_sim(file("pump.plc"))
+    (folder / "pump.db").write_text(file("pump.db"))
+    st_cmd = file("st.cmd")
+    assert "127.0.0.1, 2000," in st_cmd
+    (folder / "st.cmd").write_text(st_cmd.replace("2000,", f"{sim.port},"))
+
+    def start():
+        ioc = Ioc.of_script(folder / "st.cmd", "PUMP:", {})
+        closing(ioc)
+        ioc.start()
+        ioc.wait_value("PLC:State", 3)
+        return ioc
+    start.sim = sim
+    return start
+
+
+def test_values(pump):
+    """the tutorial's values move, its puts reach the PLC, and nothing is complained about"""
+    ioc = pump()
+    ioc.wait_value("Level.SEVR", 0)
+    assert 1.99 < ioc.get("Level") < 3.01
+    ioc.put("Speed", 1450)
+    ioc.put("Run", 1)
+    ioc.wait_value("Run.SEVR", 0)
+    assert "Speed" in ioc.command("s7plcShow PUMP out")
+    assert not errors_in(ioc.log) and "arning" not in ioc.log, ioc.log
+
+
+def test_silence(pump):
+    """the tutorial's silence is told in AMSG in its words, and ends as it says"""
+    ioc = pump()
+    for command in ("silence", "normal"):
+        assert f"plc.sock {command}" in TEXT
+    ioc.wait_value("Level.SEVR", 0)
+    pump.sim.command("silence")
+    ioc.wait_value("Level.SEVR", 3)
+    ioc.wait_value("Level.AMSG", "no block for 0.5 s")
+    assert "`no block for 0.5 s`" in TEXT
+    pump.sim.command("normal")
+    ioc.wait_value("Level.SEVR", 0)
+
+
+def test_restart(pump):
+    """after a restart of the tutorial's IOC the pump runs on, and Speed is what the PLC holds"""
+    ioc = pump()
+    ioc.wait_value("Speed.SEVR", 0)
+    ioc.put("Speed", 1450)
+    ioc.command("s7plcSend PUMP")
+    assert ioc.exit() == 0
+    ioc = pump()
+    ioc.wait_value("Speed", 1450)
+
+
+def test_display(pump):
+    """each PV of the tutorial's display has its record"""
+    ioc = pump()
+    names = [pv.text for pv in xml.fromstring(file("pump.bob")).iter("pv_name")]
+    assert len(names) == 5
+    for name in names:
+        ioc.get(name.replace("$(P)", ""))
