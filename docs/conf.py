@@ -2,6 +2,8 @@
 import re
 from pathlib import Path
 
+from pygments.lexers.special import TextLexer
+
 here = Path(__file__).parent
 numbers = re.findall(r"^PLCLINK_\w+_VERSION = (\d+)$",
                      (here.parent / "configure/CONFIG_PLCLINK_VERSION").read_text(), re.MULTILINE)
@@ -24,3 +26,9 @@ myst_enable_extensions = ["deflist"]
 
 # Blocks without a language are commands, databases or printed text: nothing to colour.
 highlight_language = "text"
+
+
+def setup(app):
+    """Languages that Pygments does not know stand as plain text."""
+    for name in ("csv", "iocsh"):
+        app.add_lexer(name, TextLexer)

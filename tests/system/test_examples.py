@@ -13,7 +13,8 @@ from ioc import Ioc
 FILES = [TOP / "README.md", *sorted((TOP / "docs").rglob("*.md"))]
 OURS = re.compile(r"^(s7plc|phoenixplc|modbusplc|drvAsyn|drvEtherIP_|etheripC)\w*", re.MULTILINE)
 # Blocks that show a syntax, or what is printed: nothing to run.
-SHOWN = re.compile(r"PLCname|^s7plc \w+: |^s7plcAsyn \w+ |modbusInterposeConfig|^\w+Ioc st.cmd",
+SHOWN = re.compile(r"PLCname|^s7plc \w+: |^s7plcAsyn \w+ |modbusInterposeConfig|^\w+Ioc st.cmd"
+                   r"|\$\(ADDRESS\)",
                    re.MULTILINE)
 
 
