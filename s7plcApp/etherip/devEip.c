@@ -235,6 +235,24 @@ static unsigned nobtOf(dbCommon *prec)
     return (unsigned)((mbboDirectRecord *)prec)->nobt;
 }
 
+/* Bits that begin in one element and end in the next: for inputs, as an array of two. */
+static int takeAcross(dbCommon *prec, devRecord *dev, eipLink *link, unsigned nobt,
+                      plcLinkError *error)
+{
+    devEip *own = eipOf(dev);
+    eipWant wish;
+
+    if (supportOf(prec)->direction == devOut)
+        return devFail(error, 0, "bits %u to %u of the array lie in two DINTs; allowed: in one",
+                       link->index, link->index + nobt - 1);
+    own->shift = link->index & 31;
+    own->across = ((epicsUInt64)1 << nobt) - 1;
+    link->index >>= 5;
+    wish = wishOf(link, eipArrayPlace);
+    wish.count = own->elements = 2;
+    return take(prec, dev, link, &wish, eipPlaceKindAt, error);
+}
+
 int devEipBits(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *error)
 {
     unsigned nobt = nobtOf(prec);
@@ -245,8 +263,7 @@ int devEipBits(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *e
     if (nobt > 32)
         return devFail(error, 0, "NOBT is %u; allowed: 0 (all) to 32", nobt);
     if (link.bit < 0 && link.hasIndex && !link.alone && (link.index & 31) + nobt > 32)
-        return devFail(error, 0, "bits %u to %u of the array lie in two DINTs; allowed: in one",
-                       link.index, link.index + nobt - 1);
+        return takeAcross(prec, dev, &link, nobt, error);
     if (nobt == 0 && (link.bit >= 0 || (link.hasIndex && !link.alone)))
         nobt = 1; /* a single bit is meant */
     if (takeCell(prec, dev, &link, nobt, error))
@@ -309,12 +326,33 @@ static long noValue(dbCommon *prec)
     return -1;
 }
 
+static long fetchAcross(dbCommon *prec, const devRecord *dev, eipNumber *number)
+{
+    const devEip *own = eipOf(dev);
+    const epicsUInt8 *place = dev->buffer;
+    const eipType *type;
+    epicsUInt64 bits;
+
+    if (devEipFetchPlace(prec, dev->buffer))
+        return -1;
+    type = eipTypeOf((unsigned)eipGetUnsigned(place, 2));
+    if (!type || !type->size || type->size > 4)
+        return noValue(prec);
+    bits = eipGetUnsigned(place + eipPlaceHead, type->size) |
+           eipGetUnsigned(place + eipPlaceHead + type->size, type->size) << 32;
+    number->kind = eipUnsigned;
+    number->u.integer = (epicsInt64)(bits >> own->shift & own->across);
+    return 0;
+}
+
 long devEipFetch(dbCommon *prec, eipNumber *number)
 {
     devRecord *dev = devOf(prec);
     epicsUInt8 cell[eipCellSize];
     epicsUInt64 bits;
 
+    if (dev && eipOf(dev)->across)
+        return fetchAcross(prec, dev, number);
     if (!dev || devFetch(prec, cell))
         return -1;
     if (plcImageRead(dev->image, eipOf(dev)->at, sizeof(cell), cell, NULL) ||

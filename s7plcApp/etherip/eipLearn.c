@@ -414,6 +414,8 @@ int eipBrowseStep(eipWorker *w, epicsUInt64 now, epicsUInt64 *next)
 {
     if (!w->taught || w->firstTurn)
         return 0;
+    if (w->noBrowse >= isSure)
+        w->browser.stage = eipBrowseDone;
     switch (w->browser.stage) {
     case eipBrowseTags:
     case eipBrowsePrograms:

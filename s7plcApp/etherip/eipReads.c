@@ -233,6 +233,7 @@ static void endTurn(eipWorker *w)
     }
     epicsMutexUnlock(w->lock);
     w->turn = NULL;
+    w->turnEnded = 1;
     w->firstTurn = 0;
     publish(w, now);
     if (w->unknownRefusals >= lostTags) {

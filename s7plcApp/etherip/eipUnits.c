@@ -87,6 +87,7 @@ static void makeRefused(eipTags *t, unsigned number)
 static void makeRuns(eipTags *t, unsigned number)
 {
     const eipTag *tag = &t->tags[number];
+    const eipType *type = eipTypeOf(tag->code);
     unsigned n = 0, i, k, runs;
     epicsUInt32 *first = callocMustSucceed(tag->wants, sizeof(*first), "etherip");
     epicsUInt32 *count = callocMustSucceed(tag->wants, sizeof(*count), "etherip");
@@ -100,7 +101,9 @@ static void makeRuns(eipTags *t, unsigned number)
         first[n] = t->wants[i].index;
         count[n++] = t->wants[i].count;
     }
-    runs = eipRuns(first, count, n, tag->size, countMax, run);
+    /* strings whose size depends on their text have no places in an array */
+    runs = eipRuns(first, count, n, tag->size,
+                   type->size || tag->code == eipStructureCode ? countMax : 1, run);
     for (i = 0; i < runs; i++) {
         eipUnit *u = newUnit(t, number, run[i].first, run[i].count);
 

@@ -528,6 +528,9 @@ static epicsUInt64 step(eipWorker *w)
         return 0;
     now = epicsMonotonicGet();
     status = eipLearnStep(w, now, &next);
+    if (!status && !w->turn && w->turnEnded) /* also where reads never come to an end */
+        status = eipBrowseStep(w, now, &next);
+    w->turnEnded = 0;
     if (!status)
         status = eipReadsStep(w, now, &next);
     if (!status)

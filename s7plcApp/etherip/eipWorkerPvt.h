@@ -126,6 +126,7 @@ struct eipWorker {
     unsigned turnMessage;        /* the next one of it */
     epicsUInt64 turnStart, published;
     unsigned turnRequests;
+    int turnEnded;               /* just now */
     int stored;                  /* something is new since it was published */
     int replan;                  /* units have changed */
     epicsUInt64 epoch;           /* ns: due times count from here */

@@ -736,6 +736,26 @@ static void testWhole(void)
     eipTagsFree(&t);
 }
 
+static void testTexts(void)
+{
+    eipWant *w = calloc(4, sizeof(*w));
+    eipTags t;
+
+    w[0] = want("D", 0, 1, eipTextPlace, 100, 0);
+    w[1] = want("D", 1, 1, eipTextPlace, 100, 48);
+    w[2] = want("S", 0, 1, eipTextPlace, 100, 96);
+    w[3] = want("S", 1, 1, eipTextPlace, 100, 144);
+    eipTagsInit(&t);
+    eipTagsSet(&t, w, 4);
+    learn(&t, "D", "D0 00 02 00 61 62");
+    learn(&t, "S", "A0 02 CE 0F 02 00 00 00 61 62 00 00");
+    eipUnitsMake(&t);
+    testOk(t.unitCount == 3 && t.units[0].count == 1 && t.units[1].count == 1 &&
+               t.units[2].count == 2,
+           "strings of no fixed size are read one by one, others together");
+    eipTagsFree(&t);
+}
+
 static void testSet(void)
 {
     eipWant *w = calloc(2, sizeof(*w)), *more = calloc(3, sizeof(*more));
@@ -870,6 +890,7 @@ MAIN(eipTagsTest)
     testTemplates();
     testUnits();
     testWhole();
+    testTexts();
     testSet();
     testLinks();
     testPlaces();

@@ -2,7 +2,7 @@
  * context, answers of another request, frames that are cut, random bytes. No value is ever
  * wrong, none stands still for good, and nothing grows.
  *
- * EIP_LIES=10000 for so many of each kind; else 100.
+ * EIP_LIES=10000 for so many of each kind; else 50.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -397,7 +397,7 @@ static void testLie(int kind, int count)
 MAIN(eipWorkerTest)
 {
     const char *text = getenv("EIP_LIES");
-    int count = text ? atoi(text) : 100, kind;
+    int count = text ? atoi(text) : 50, kind;
     long before = 0;
 
     testPlan(4 * lies + 2);
