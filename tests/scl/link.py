@@ -16,7 +16,7 @@ class Link:
         self.address, self.port = address, port
         self.listener = self.client = None
         self.connected = False          # as the program is told
-        self.refuse = self.unplugged = False
+        self.unplugged = False
         self.cut = None                 # bytes until the connection breaks
         self.history, self.count = [], 0
         self.listen()
@@ -48,9 +48,6 @@ class Link:
         try:
             client = self.listener.accept()[0] if self.listener else None
         except BLOCKING:
-            return None
-        if client and self.refuse:
-            reset(client)
             return None
         if client:
             client.setblocking(False)
@@ -105,7 +102,13 @@ class Link:
 
     def plug(self):
         self.unplugged = False
-        if not self.listener:
+        self.refuse(False)
+
+    def refuse(self, on):
+        """New connections get RST: nobody listens."""
+        if on:
+            self.stop_listening()
+        elif not self.listener:
             self.listen()
 
     def stop_listening(self):

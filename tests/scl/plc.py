@@ -130,7 +130,7 @@ class SclPlc:
                 return
             self.off_until = None
             for link in self.links:
-                link.listen()
+                link.plug()
         self.machine.ms = int(time.monotonic() * 1000) & 0x7fffffff
         for link in self.links:
             link.step()
@@ -240,7 +240,7 @@ class SclPlc:
             if self.hmi:
                 self.watch_moments()
         else:
-            self.machine.link.refuse = what != "off"
+            self.machine.link.refuse(what != "off")
 
     def do_close(self):
         self.machine.link.drop()
