@@ -277,6 +277,8 @@ MISTAKES = [
      '"TA NK" is no name of a station'),
     ("a prefix with a blank", {"plc": example.PLC.replace("tank:", "ta nk:")}, "plc.csv:5:2: prefix: ",
      "characters that no record name can have"),
+    ("an S7 address in CODESYS", plc(family="codesys"), "map.csv:2:2: plc: ",
+     "DB10.DBD0 is a place in an S7; allowed with family=codesys: the name of a variable"),
     ("a download without the handshake", {"plc": "key,value\nsync,off\ndownload,on\n"},
      "plc.csv:3:2: download: ", "download=on needs sync=on"),
 ]

@@ -281,7 +281,12 @@ def test_scl_compares(tmp_path, name):
 @pytest.mark.parametrize("family, ending", [("tia", "-tia.scl"), ("codesys", ".st")])
 def test_other_families(tmp_path, family, ending):
     """{family}: every value is moved once in each direction, blocks end where they begin"""
-    folder = plant(tmp_path, "setpoints one by one", family=family)
+    if family == "codesys":  # has variables
+        rows = [dict(r, plc="GVL.v%d" % n) for n, r in enumerate(maps.rows(150, 12))]
+        folder = maps.write(tmp_path / "p", rows, {"family": family, "byteorder": "little"})
+        assert plcmap("place", folder).status == 0
+    else:
+        folder = plant(tmp_path, "setpoints one by one", family=family)
     text = generated(folder, tmp_path / "g")["p" + ending].decode()
     for word in ("FUNCTION", "FUNCTION_BLOCK", "DATA_BLOCK", "IF", "FOR", "VAR", "TYPE", "PROGRAM"):
         bare = re.sub(r"//[^\n]*|'[^']*'", "", text)

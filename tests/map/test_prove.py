@@ -55,13 +55,14 @@ def test_plants(tmp_path, name):
     assert values > 60 and comparisons > 20 * values and differ == 0, out
 
 
-def test_symbols(tmp_path):
-    """A PLC with symbols instead of addresses"""
+@pytest.mark.parametrize("family", ["none", "codesys"])
+def test_symbols(tmp_path, family):
+    """A PLC with symbols instead of addresses: {family}"""
     rows = [{"symbol": "A%d" % i, "plc": "Tank.A%d" % i, "type": kind, "pv": "A%d" % i,
              "dir": "out" if i % 2 else "in"}
             for i, kind in enumerate(["INT", "BOOL", "REAL", "DWORD", "BYTE", "STRING[12]", "LREAL",
                                       "ARRAY[1..3] OF INT"])]
-    folder = maps.write(tmp_path / "p", rows, {"family": "none"})
+    folder = maps.write(tmp_path / "p", rows, {"family": family})
     assert plcmap("place", folder).status == 0
     values, _, differ, out = proved(folder)
     assert (values, differ) == (8, 0), out

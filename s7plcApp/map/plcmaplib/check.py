@@ -228,6 +228,10 @@ def _check_memory(map_):
         a = item.address
         if item.type is None or a is None or not a.area or item.dir == "reserved":
             continue
+        if map_.plc["family"] == "codesys":
+            _error(map_, item, "plc", "%s is a place in an S7; allowed with family=codesys: the name "
+                   "of a variable" % item.row.get("plc"))
+            continue
         _check_width(map_, item, a)
         if a.area == "DB" and a.db in ours:
             _error(map_, item, "plc", "DB%d is %s, which the program itself uses"
