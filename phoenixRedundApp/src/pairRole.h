@@ -1,7 +1,7 @@
 /* Who leads a redundant pair of PLCs: the roles as a pure function.
  *
  * It knows blocks, losses and times, as the station's thread tells them; no socket, no
- * thread, no clock, no record. FIRST and SECOND are names of the two PLCs for life;
+ * thread, no clock, no record. FIRST and SECOND are names of the two PLCs for good;
  * PRIMARY (leads) and BACKUP are roles that change.
  *
  * The rules, in the order in which they apply:

@@ -10,7 +10,8 @@ import pytest
 from client import ARCH, TOP
 from ioc import Ioc
 
-FILES = [TOP / "README.md", *sorted((TOP / "docs").rglob("*.md"))]
+FILES = [TOP / "README.md", *sorted(file for file in (TOP / "docs").rglob("*.md")
+                                    if "O.site" not in file.parts)]
 OURS = re.compile(r"^(s7plc|phoenixplc|modbusplc|drvAsyn|drvEtherIP_|etheripC)\w*", re.MULTILINE)
 # Blocks that show a syntax, or what is printed: nothing to run.
 SHOWN = re.compile(r"PLCname|^s7plc \w+: |^s7plcAsyn \w+ |modbusInterposeConfig|^\w+Ioc st.cmd"
@@ -188,3 +189,32 @@ def test_report_levels(run):
     head = 's7plcConfigure "PLC", 127.0.0.1, 1, 8, 8\n'
     assert "options:" not in run(head + "s7plcReport PLC 0")
     assert "options:" in run(head + "s7plcReport PLC")
+
+
+# --- The documents among themselves ----------------------------------------------------------
+
+DOCS = TOP / "docs"
+
+
+def test_index():
+    """every page stands in docs/index.md, and each page of the index is there"""
+    listed = set(re.findall(r"^([\w/-]+)$", (DOCS / "index.md").read_text(), re.MULTILINE))
+    pages = {str(page.relative_to(DOCS))[:-3] for page in FILES[1:]} - {"index"}
+    assert listed == pages
+
+
+def anchors(file):
+    """The headings of a page as links name them."""
+    text = re.sub(r"^```.*?^```", "", file.read_text(), flags=re.DOTALL | re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).strip().replace(" ", "-")
+            for head in re.findall(r"^#+ (.*)$", text, re.MULTILINE)}
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(TOP)))
+def test_links(file):
+    """each link of {id} leads to a page, and to a heading in it"""
+    text = re.sub(r"^```.*?^```", "", file.read_text(), flags=re.DOTALL | re.MULTILINE)
+    for path, anchor in re.findall(r"\]\(([^)#:]*)(?:#([^)]*))?\)", text):
+        target = (file.parent / path).resolve() if path else file
+        assert target.exists(), path
+        assert not anchor or anchor in anchors(target), f"{path}#{anchor}"

@@ -85,7 +85,7 @@ static const optRow rows[] = {
 {"requestTimeout", optNumber, AT(requestTimeout), 0, 10, 60000,   "ms", NULL, 1000, 0,
  "Modbus: a request without an answer for so long: the connection is given up"},
 {"readPeriod",     optPeriod, AT(readPeriod),     0, 10, 3600000, "ms", NULL, 1000, 0,
- "Modbus: the output registers are read again so often; 0: only at connect"},
+ "Modbus: how often the output registers are read again; 0: only at connect"},
 {"singleWrite",    optChoice, AT(singleWrite),    0, 0,  0, "", "off|on",       0,  0,
  "Modbus: a single register is written by function 6, a single coil by function 5"},
 {"maskWrite",      optChoice, AT(maskWrite),      0, 0,  0, "", "refuse|rmw",   0,  0,
