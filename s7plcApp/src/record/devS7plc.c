@@ -1,10 +1,8 @@
 /* Device support "S7plc", the part that is the same for every record type: from the link
- * to a place in an image, the copy between image and record adapter, alarms, messages,
- * and links that change at run time.
+ * to a place in an image, what Base calls, and links that change at run time.
  *
  * Knows no record type: their fields are in devS7plcIn.c, devS7plcOut.c, devS7plcArray.c.
  */
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -33,42 +31,13 @@
 static int running;         /* 1 after iocInit: add_record means a link that changed */
 static IOSCANPVT neverScan; /* I/O Intr of records whose link was refused */
 
-static const devSupport *supportOf(const dbCommon *prec)
-{
-    return (const devSupport *)prec->dset;
-}
-
 /* --- Messages ----------------------------------------------------------------------- */
-
-int devFail(plcLinkError *error, size_t column, const char *format, ...)
-{
-    va_list args;
-
-    error->column = column;
-    va_start(args, format);
-    epicsVsnprintf(error->text, sizeof(error->text), format, args);
-    va_end(args);
-    return -1;
-}
-
-void devWarn(dbCommon *prec, const char *format, ...)
-{
-    const devSupport *support = supportOf(prec);
-    char text[400];
-    va_list args;
-
-    va_start(args, format);
-    epicsVsnprintf(text, sizeof(text), format, args);
-    va_end(args);
-    errlogPrintf("%s %s \"%s\" warning: %s\n", support->dtyp, support->shape.recordType,
-                 prec->name, text);
-}
 
 /* Says what is wrong, then the link and a caret under the place. Of a long link only
  * the surroundings of the place are shown. */
 static void printRefusal(dbCommon *prec, const char *text, const plcLinkError *error)
 {
-    const devSupport *support = supportOf(prec);
+    const devSupport *support = devSupportOf(prec);
     size_t length = strlen(text);
     size_t column = error->column < length ? error->column : length;
     size_t from = length > QUOTE_MAX && column > QUOTE_LEAD ? column - QUOTE_LEAD : 0;
@@ -169,7 +138,7 @@ static int placeReadback(devRecord *dev, const plcLink *link, plcLinkError *erro
 static int place(dbCommon *prec, devRecord *dev, const plcLink *link, size_t room,
                  plcLinkError *error)
 {
-    const devSupport *support = supportOf(prec);
+    const devSupport *support = devSupportOf(prec);
     int out = support->direction == devOut;
 
     dev->image = out ? plcStationOutput(dev->station) : plcStationInput(dev->station);
@@ -214,20 +183,18 @@ static int place(dbCommon *prec, devRecord *dev, const plcLink *link, size_t roo
 static void warn(dbCommon *prec, const plcLinkError *doubt)
 {
     if (doubt->text[0])
-        devWarn(prec, "%s: %s", supportOf(prec)->field, doubt->text);
+        devWarn(prec, "%s: %s", devSupportOf(prec)->field, doubt->text);
 }
 
 static int resolve(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *error)
 {
-    const devSupport *support = supportOf(prec);
+    const devSupport *support = devSupportOf(prec);
     plcShape shape = support->shape;
     size_t room = 0;
     plcLink link;
 
     if (support->resolve)
         return support->resolve(prec, dev, text, error);
-    if (support->direction == devStatistics)
-        return devResolveStatistics(shape.recordType, dev, text, error);
     if (plcLinkParse(text, &link, error))
         return -1;
     warn(prec, error);
@@ -246,7 +213,7 @@ static int resolve(dbCommon *prec, devRecord *dev, const char *text, plcLinkErro
 /* Tells the station whose bytes these are. */
 static void enlist(dbCommon *prec, devRecord *dev)
 {
-    const devSupport *support = supportOf(prec);
+    const devSupport *support = devSupportOf(prec);
     plcUser *user = &dev->user;
 
     if (!dev->type)
@@ -293,7 +260,7 @@ static void attach(dbCommon *prec)
 
     prec->dpvt = dev;
     if (resolve(prec, dev, text, &error) == 0) {
-        int out = supportOf(prec)->direction == devOut;
+        int out = devSupportOf(prec)->direction == devOut;
 
         if (dev->has & plcHasR || (out && plcStationShowsOutputs(dev->station)))
             devFollowJoin(prec, dev);
@@ -321,7 +288,7 @@ static void attach(dbCommon *prec)
 long devInitRecord(dbCommon *prec)
 {
     attach(prec);
-    return supportOf(prec)->initStatus;
+    return devSupportOf(prec)->initStatus;
 }
 
 /* At iocInit Base calls this before init_record, which does the work then. Never refuses:
@@ -367,7 +334,7 @@ long devIointInfo(int leave, dbCommon *prec, IOSCANPVT *list)
         *list = neverScan;
         return 0;
     }
-    switch (supportOf(prec)->direction) {
+    switch (devSupportOf(prec)->direction) {
     case devIn:
         *list = plcStationInRecord(dev->station, dev->offset, dev->length, prec, leave);
         break;
@@ -407,7 +374,7 @@ void devCheckScale(dbCommon *prec, const devRecord *dev, unsigned linr, double e
     else if (linr == menuConvertLINEAR && egul == eguf)
         devWarn(prec, "LINR=LINEAR, but EGUL and EGUF are both %g: the record always %s the "
                 "same. Set them to what L and H are in EGU", egul,
-                supportOf(prec)->direction == devOut ? "writes" : "reads");
+                devSupportOf(prec)->direction == devOut ? "writes" : "reads");
 }
 
 int devPrepareString(dbCommon *prec, devRecord *dev, const plcLink *link,
@@ -422,7 +389,7 @@ int devPrepareMask(dbCommon *prec, devRecord *dev, const plcLink *link,
                    plcLinkError *error, epicsUInt32 *mask, unsigned nobt, unsigned shft)
 {
     const char *works =
-        supportOf(prec)->direction == devOut ? "writes nothing" : "reads 0";
+        devSupportOf(prec)->direction == devOut ? "writes nothing" : "reads 0";
     epicsUInt64 wanted = *mask ? *mask : nobt < 64 ? ((epicsUInt64)1 << nobt) - 1 : ~0ull;
     unsigned bits = 8 * dev->type->size;
 
@@ -443,7 +410,7 @@ void devCheckStates(dbCommon *prec, const epicsUInt32 *values, const char *texts
 {
     static const char prefixes[16][3] = {"ZR", "ON", "TW", "TH", "FR", "FV", "SX", "SV",
                                          "EI", "NI", "TE", "EL", "TV", "TT", "FT", "FF"};
-    int out = supportOf(prec)->direction == devOut, first = -1, i;
+    int out = devSupportOf(prec)->direction == devOut, first = -1, i;
     char fields[16 * 5 + 1] = "";
 
     for (i = 0; i < 16; i++) {
@@ -458,151 +425,4 @@ void devCheckStates(dbCommon *prec, const epicsUInt32 *values, const char *texts
         devWarn(prec, "states with a text have no value of their own: the record %s %sST. "
                 "Set%s to the PLC's numbers", out ? "writes them as 0, like" :
                 "never shows them; it reads 0 as", prefixes[first], fields);
-}
-
-/* --- Between image and record ------------------------------------------------------- */
-
-void devStampNow(dbCommon *prec)
-{
-    if (prec->tse == epicsTimeEventDeviceTime)
-        epicsTimeGetCurrent(&prec->time);
-}
-
-void devStamp(dbCommon *prec)
-{
-    recGblGetTimeStamp(prec);
-    devStampNow(prec);
-}
-
-/* The reason that follows says more than the UDF alarm of an output without a value. */
-static void overUndefined(dbCommon *prec)
-{
-    if (prec->nsta == UDF_ALARM)
-        prec->nsev = NO_ALARM;
-}
-
-PLC_HOT devRecord *devOf(dbCommon *prec)
-{
-    devRecord *dev = prec->dpvt;
-
-    if (dev && dev->station) {
-        plcClearMessage(prec);
-        return dev;
-    }
-    overUndefined(prec);
-    recGblSetSevrMsg(prec, LINK_ALARM, INVALID_ALARM, "%s",
-                     dev ? dev->reason : "no link to a PLC");
-    devStampNow(prec);
-    return NULL;
-}
-
-/* The PLC may have refused to show this place. */
-static long devUnread(dbCommon *prec, const devRecord *dev)
-{
-    epicsUInt8 mask[DEV_SCALAR];
-    char reason[PLC_REASON_SIZE];
-
-    if (!plcFaultsFind(dev->faults, dev->offset, dev->length, devMask(dev, mask), reason))
-        return 0;
-    recGblSetSevrMsg(prec, READ_ALARM, INVALID_ALARM, "%s", reason);
-    return -1;
-}
-
-const void *devMask(const devRecord *dev, epicsUInt8 bytes[DEV_SCALAR])
-{
-    epicsUInt64 bits = dev->mask ? dev->mask : dev->shifted ? *dev->shifted : 0;
-
-    if (!bits)
-        return NULL;
-    plcPutInt(dev->type, bytes, dev->order, (epicsInt64)bits);
-    return bytes;
-}
-
-PLC_HOT long devFetch(dbCommon *prec, void *bytes)
-{
-    devRecord *dev = devOf(prec);
-    char reason[PLC_REASON_SIZE];
-
-    if (!dev)
-        return -1;
-    if (dev->silent)
-        devSilentLeave(dev);
-    if (plcImageRead(dev->image, dev->offset, dev->length, bytes,
-                     prec->tse == epicsTimeEventDeviceTime ? &prec->time : NULL) == 0)
-        return dev->faults ? devUnread(prec, dev) : 0;
-    plcImageReason(dev->image, reason);
-    recGblSetSevrMsg(prec, COMM_ALARM, INVALID_ALARM, "%s", reason);
-    devStampNow(prec);
-    return -1;
-}
-
-PLC_HOT long devFetchInt(dbCommon *prec, epicsInt64 *value)
-{
-    const devRecord *dev = prec->dpvt;
-    epicsUInt8 bytes[DEV_SCALAR];
-
-    if (devFetch(prec, bytes))
-        return -1;
-    *value = plcGetInt(dev->type, bytes, dev->order);
-    return 0;
-}
-
-/* For s7plcShow: an output that no one ever wrote is a PINI that was forgotten. */
-void devHasValue(devRecord *dev)
-{
-    if (dev->user.unwritten) /* no other thread sets it */
-        plcUsersWritten(plcStationUsers(dev->station), &dev->user);
-}
-
-long devStore(dbCommon *prec, const void *bytes, const void *mask)
-{
-    devRecord *dev = devOf(prec);
-    char reason[PLC_REASON_SIZE];
-
-    if (!dev)
-        return -1;
-    devStampNow(prec);
-    reason[0] = 0;
-    dev->raised = 0;
-    dev->refused = plcStationPut(dev->station, dev->offset, dev->length, bytes, mask, reason,
-                                 dev->shown != NULL, &dev->mark) != 0;
-    if (dev->refused)
-        return devRefuseWrite(prec, "%s", reason);
-    devHasValue(dev);
-    if (dev->shown)
-        devWrote(dev, bytes, mask);
-    if (dev->shown && !reason[0] && !plcStationTaken(dev->station))
-        epicsSnprintf(reason, sizeof(reason), "waiting for the PLC's value");
-    if (reason[0])
-        dev->mark.number = 0; /* nobody knows when it will leave */
-    if (reason[0])
-        return devAway(prec, dev, reason);
-    return dev->mark.number ? 0 : devRefused(prec, dev); /* else the answer will say */
-}
-
-long devStoreInt(dbCommon *prec, epicsInt64 value, epicsUInt64 mask)
-{
-    const devRecord *dev = devOf(prec);
-    epicsUInt8 bytes[DEV_SCALAR], bits[DEV_SCALAR];
-
-    if (!dev)
-        return -1;
-    plcPutInt(dev->type, bytes, dev->order, value);
-    if (mask == ~(epicsUInt64)0)
-        return devStore(prec, bytes, NULL);
-    plcPutInt(dev->type, bits, dev->order, (epicsInt64)mask);
-    return devStore(prec, bytes, bits);
-}
-
-long devRefuseWrite(dbCommon *prec, const char *format, ...)
-{
-    char text[PLC_REASON_SIZE];
-    va_list args;
-
-    va_start(args, format);
-    epicsVsnprintf(text, sizeof(text), format, args);
-    va_end(args);
-    overUndefined(prec);
-    recGblSetSevrMsg(prec, WRITE_ALARM, INVALID_ALARM, "%s", text);
-    return -1;
 }

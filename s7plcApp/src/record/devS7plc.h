@@ -1,6 +1,9 @@
 /* What the files of the device support share: one row per record type (devSupport), one
  * structure per record (devRecord), and the few functions through which record adapters
- * meet the images. Private to devS7plc*.c.
+ * meet the images. Private to device support.
+ *
+ * The files, each of which calls only those before it: devRecord; devS7plcAway,
+ * devS7plcSilent; devS7plcFollow; devPut; devTransfer; devS7plc; one for each kind of record.
  *
  * Knows links, types, images and stations; a record's own fields are the business of the
  * adapter of its record type.
@@ -110,11 +113,16 @@ typedef struct devSupport {
     int (*delays)(const dbCommon *prec);
     /* bo: the field HIGH, after which a 1 that was put is put back to 0. NULL: others. */
     double *(*pulse)(dbCommon *prec);
-    /* A wire with links of its own: from the text to a place in an image (station, image,
+    /* Links of its own: from the text to the station, and to a place in an image (image,
      * faults, type, offset, length, order, mask). Returns 0 or -1 with *error. NULL:
      * "@PLC/offset ...". */
     int (*resolve)(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *error);
 } devSupport;
+
+static inline const devSupport *devSupportOf(const dbCommon *prec)
+{
+    return (const devSupport *)prec->dset;
+}
 
 /* The head of every row. */
 #define DEV_DSET {6, NULL, devInit, devInitRecord, devIointInfo}
@@ -143,6 +151,9 @@ void devHasValue(devRecord *dev);
 /* VAL shows what the output image holds now. */
 void devShow(devRecord *dev);
 
+/* The same, and the record's value is that: without processing. */
+void devTakeValue(dbCommon *prec, devRecord *dev);
+
 /* The same after a put: VAL shows these bytes, whatever the image holds by now. */
 void devWrote(devRecord *dev, const epicsUInt8 *bytes, const epicsUInt8 *mask);
 
@@ -157,10 +168,6 @@ int devFail(plcLinkError *error, size_t column, const char *format, ...)
 
 /* Finds the station of this name. Returns 0 and dev->station, or -1 with *error. */
 int devFindStation(devRecord *dev, const char *name, plcLinkError *error);
-
-/* The link of a devStatistics record: @PLCname/name. Returns 0 or -1 with *error. */
-int devResolveStatistics(const char *recordType, devRecord *dev, const char *text,
-                         plcLinkError *error);
 
 /* The same for one record, which is locked. */
 void devFollowOne(dbCommon *prec, plcStation *station);
@@ -206,9 +213,6 @@ void devSilentLeave(devRecord *dev);
 /* The PLC came or went, or there is another reason why there is no data. In a callback
  * thread. */
 void devSilentUpdate(plcStation *station);
-
-/* "S7plc stat" that has never processed does so now, when the PLC is not there. */
-void devStatusUpdate(dbCommon *prec);
 
 /* The bits of the record's place that are its own, in wire order; NULL: all of them. */
 const void *devMask(const devRecord *dev, epicsUInt8 bytes[DEV_SCALAR]);

@@ -61,10 +61,9 @@ static int isNews(const devRecord *dev, const epicsUInt8 *bytes)
     return (difference & (epicsInt64)dev->mask) != 0;
 }
 
-/* Sets the record's value to what the output image holds. */
-static void takeValue(dbCommon *prec, devRecord *dev)
+void devTakeValue(dbCommon *prec, devRecord *dev)
 {
-    const devSupport *support = (const devSupport *)prec->dset;
+    const devSupport *support = devSupportOf(prec);
 
     devShow(dev);
     devHasValue(dev);
@@ -78,7 +77,7 @@ static void takeQuietly(dbCommon *prec, devRecord *dev)
 {
     epicsUInt8 udf = prec->udf;
 
-    takeValue(prec, dev);
+    devTakeValue(prec, dev);
     prec->udf = udf;
     devStamp(prec);
     db_post_events(prec, NULL, DBE_VALUE | DBE_LOG);
@@ -87,7 +86,7 @@ static void takeQuietly(dbCommon *prec, devRecord *dev)
 /* Processes the record so that it takes its value. */
 static void followByProcess(dbCommon *prec, devRecord *dev)
 {
-    const devSupport *support = (const devSupport *)prec->dset;
+    const devSupport *support = devSupportOf(prec);
     double *pulse = support->pulse ? support->pulse(prec) : NULL;
     double length = pulse ? *pulse : 0;
 
@@ -109,7 +108,7 @@ static void followByProcess(dbCommon *prec, devRecord *dev)
 static void followRecord(dbCommon *prec, const plcStation *station, int takes)
 {
     devRecord *dev = prec->dpvt;
-    int (*delays)(const dbCommon *prec) = ((const devSupport *)prec->dset)->delays;
+    int (*delays)(const dbCommon *prec) = devSupportOf(prec)->delays;
     epicsUInt8 *bytes;
     int first;
 
@@ -212,47 +211,4 @@ void devWrote(devRecord *dev, const epicsUInt8 *bytes, const epicsUInt8 *mask)
         dev->shown[i] = (epicsUInt8)(mask ? (dev->shown[i] & ~mask[i]) | (bytes[i] & mask[i])
                                           : bytes[i]);
     dev->known = 1;
-}
-
-/* The record that was active until now gets the alarm that the answer has brought. Without a
- * put it has changed its link meanwhile. */
-static long putEnds(dbCommon *prec, devRecord *dev, char reason[PLC_REASON_SIZE])
-{
-    if (!dev || !dev->station || !dev->mark.number)
-        return 0;
-    dev->mark.number = 0;
-    return plcStationOutputConnected(dev->station, reason) ? devRefused(prec, dev)
-                                                           : devAway(prec, dev, reason);
-}
-
-long devWrite(dbCommon *prec)
-{
-    const devSupport *support = (const devSupport *)prec->dset;
-    devRecord *dev = prec->dpvt;
-    char reason[PLC_REASON_SIZE];
-    long status;
-
-    if (dev)
-        dev->raised = 0; /* what it had raised ends with this processing */
-    if (prec->pact && !support->delays) /* the put is through */
-        return putEnds(prec, dev, reason);
-    if (dev && dev->following) {
-        dev->following = 0;
-        takeValue(prec, dev);
-        return devRefused(prec, dev);
-    }
-    if (dev) {
-        dev->refused = 0;
-        dev->mark.number = 0;
-    }
-    status = support->write(prec);
-    if (dev && dev->mark.number) {
-        if (!support->delays && devPutWait(prec, dev))
-            return 0;
-        status = devRefused(prec, dev);
-    }
-    /* A refused put goes back to the PLC's value, when that is known. */
-    if (dev && dev->refused && dev->shown && dev->known)
-        takeValue(prec, dev);
-    return status;
 }

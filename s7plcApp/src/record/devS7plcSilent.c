@@ -67,7 +67,7 @@ static void sayWhy(dbCommon *prec, const devRecord *dev)
     db_post_events(prec, NULL, DBE_ALARM);
 }
 
-static void update(dbCommon *prec, const plcStation *station)
+static void update(dbCommon *prec, plcStation *station)
 {
     devRecord *dev = prec->dpvt;
 
@@ -76,8 +76,8 @@ static void update(dbCommon *prec, const plcStation *station)
         return;
     if (dev->image)
         sayWhy(prec, dev);
-    else
-        devStatusUpdate(prec);
+    else if (!plcStationConnected(station, NULL))
+        dbProcess(prec); /* "S7plc stat" */
 }
 
 void devSilentJoin(dbCommon *prec, devRecord *dev, int later)

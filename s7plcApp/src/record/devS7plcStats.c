@@ -50,10 +50,11 @@ static unsigned kindsOf(const char *recordType)
     return abilities[i].kinds;
 }
 
-/* The link: blanks at either end do no harm. */
-int devResolveStatistics(const char *recordType, devRecord *dev, const char *text,
-                         plcLinkError *error)
+/* The link, @PLCname/name: blanks at either end do no harm. */
+static int resolveStatistic(dbCommon *prec, devRecord *dev, const char *text,
+                            plcLinkError *error)
 {
+    const char *recordType = devSupportOf(prec)->shape.recordType;
     char station[PLC_NAME_MAX + 1], name[40], names[600];
     size_t start = strspn(text, "@ \t"), length = strcspn(text + start, "/ \t");
     const char *slash = text + start + length;
@@ -231,9 +232,10 @@ static long readAai(dbCommon *common)
 
 /* --- The rows ---------------------------------------------------------------------------- */
 
-#define ROW(read, linconv, type)                                                          \
-    {DEV_DSET, read, linconv, "S7plc stats", "INP", devStatistics,                        \
-     {type, 0, 0, 0, NULL}, 0, NULL, NULL, DEV_READS}
+#define ROW(read, scale, type)                                                            \
+    {.common = DEV_DSET, .transfer = read, .linconv = scale, .dtyp = "S7plc stats",       \
+     .field = "INP", .direction = devStatistics, .shape = {.recordType = type},           \
+     .resolve = resolveStatistic}
 
 static long noLinconv(dbCommon *common, int after)
 {

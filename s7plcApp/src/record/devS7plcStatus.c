@@ -30,15 +30,6 @@ static long readStat(dbCommon *common)
     return 0;
 }
 
-/* With SCAN "I/O Intr" the first block makes it process. */
-void devStatusUpdate(dbCommon *prec)
-{
-    const devRecord *dev = prec->dpvt;
-
-    if (!plcStationConnected(dev->station, NULL))
-        dbProcess(prec);
-}
-
 /* Moves the PLC to host[:port]: the connection is closed and made anew at once. */
 static long writeAddr(dbCommon *common)
 {

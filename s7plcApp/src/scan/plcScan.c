@@ -317,22 +317,6 @@ static void removeRecord(plcScan *scan, group *g, const dbCommon *prec)
     shiftCursor(scan, g, prio, place, -1);
 }
 
-void plcScanAddNewcomer(newcomers *n, dbCommon *prec, group *g)
-{
-    newcomer *list;
-
-    if (n->count == n->room) {
-        n->room = n->room ? 2 * n->room : 16;
-        list = callocMustSucceed(n->room, sizeof(*list), "plcScan");
-        if (n->count)
-            memcpy(list, n->list, n->count * sizeof(*list));
-        free(n->list);
-        n->list = list;
-    }
-    n->list[n->count].record = prec;
-    n->list[n->count++].group = g;
-}
-
 static void dropNewcomer(newcomers *n, const dbCommon *prec)
 {
     size_t i;

@@ -7,8 +7,10 @@
  * Our own way through the records does without the lock of Base's scan lists at each of them,
  * and has the next ones brought into the cache while one is processed.
  */
+#include <stdlib.h>
 #include <string.h>
 
+#include <cantProceed.h>
 #include <compilerSpecific.h>
 #include <dbAccess.h>
 #include <dbLock.h>
@@ -51,6 +53,22 @@ static unsigned inUseBy(const group *g, unsigned prios)
 static unsigned bitCount(unsigned prios)
 {
     return (prios & 1) + (prios >> 1 & 1) + (prios >> 2 & 1);
+}
+
+void plcScanAddNewcomer(newcomers *n, dbCommon *prec, group *g)
+{
+    newcomer *list;
+
+    if (n->count == n->room) {
+        n->room = n->room ? 2 * n->room : 16;
+        list = callocMustSucceed(n->room, sizeof(*list), "plcScan");
+        if (n->count)
+            memcpy(list, n->list, n->count * sizeof(*list));
+        free(n->list);
+        n->list = list;
+    }
+    n->list[n->count].record = prec;
+    n->list[n->count++].group = g;
 }
 
 /* Makes the newcomers that wait those of the pass. Returns their priorities. */

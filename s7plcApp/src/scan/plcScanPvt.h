@@ -153,15 +153,15 @@ static inline void addPending(plcScan *scan, group *g, unsigned prios)
     g->pending |= (epicsUInt8)prios;
 }
 
-/* plcScan.c: this record, of this group, will be in the next pass. Lock held. */
-void plcScanAddNewcomer(newcomers *n, dbCommon *prec, group *g);
-
 /* plcScanIndex.c: marks the groups whose bytes differ as pending. Lock held. */
 void plcScanTouch(plcScan *scan, const char *before, const char *after);
 
 /* plcScanPass.c. Makes what is pending the running pass; returns its priorities, none when no
  * record is concerned. Lock held; no pass runs. */
 unsigned plcScanBegin(plcScan *scan);
+
+/* This record, of this group, will be in the next pass. Lock held. */
+void plcScanAddNewcomer(newcomers *n, dbCommon *prec, group *g);
 
 /* Queues one callback for each of these priorities of the pass, the highest first. */
 void plcScanQueue(plcScan *scan, unsigned prios);

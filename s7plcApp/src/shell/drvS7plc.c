@@ -27,8 +27,6 @@
 
 #include <epicsExport.h>
 
-int s7plcDebug = 0;
-
 /* --- C functions ------------------------------------------------------------------------*/
 
 s7plcStation *s7plcOpen(char *PLCname)

@@ -1,17 +1,9 @@
 /* A station in words: dbior, s7plcReport. Only copies; never waits for the thread. */
 #include <string.h>
 
+#include <epicsStdio.h>
+
 #include "plcStationPvt.h"
-
-const char *plcStateName(int state)
-{
-    static const char *const names[] = {"no address", "connecting", "waiting for data",
-                                        "ok",         "wrong size", "frozen",
-                                        "no PRIMARY", "layout mismatch"};
-
-    return state >= 0 && state < (int)(sizeof(names) / sizeof(names[0])) ? names[state]
-                                                                        : "?";
-}
 
 static void histogram(FILE *file, const char *title, const epicsUInt32 *bins)
 {
@@ -76,22 +68,29 @@ static void mapLine(const plcStats *st, FILE *file)
             (unsigned long long)st->mapDownloads, (unsigned long long)st->mapRefusals);
 }
 
-void plcStationOptionsText(plcStation *s, char *text, size_t size)
-{
-    plcOptions options;
-
-    epicsMutexMustLock(s->lock);
-    options = s->options;
-    epicsMutexUnlock(s->lock);
-    plcOptionsSummary(&options, text, size);
-}
-
 /* The order of words, where it is not that of the bytes. */
 static const char *wordsText(int order)
 {
     if (!(order & plcWordsSwapped))
         return "";
     return order & plcBigEndian ? ", low word first" : ", high word first";
+}
+
+static void transportLines(plcStation *s, FILE *file)
+{
+    const plcExchange *x = s->exchange;
+    plcStats stats;
+    char where[PLC_NAME_MAX + 12], reason[PLC_REASON_SIZE], state[PLC_REASON_SIZE + 20];
+
+    plcStationStats(s, &stats);
+    epicsMutexMustLock(s->lock);
+    epicsSnprintf(where, sizeof(where), "%s:%d", s->address[x->line], s->port[x->line]);
+    epicsMutexUnlock(s->lock);
+    if (plcStationOutputConnected(s, reason))
+        strcpy(state, "connected");
+    else
+        epicsSnprintf(state, sizeof(state), "not connected (%s)", reason);
+    x->transport->report(x->pvt, where, state, &stats, file);
 }
 
 void plcStationReport(plcStation *s, FILE *file, int level)
@@ -112,7 +111,7 @@ void plcStationReport(plcStation *s, FILE *file, int level)
     if (level < 1)
         return;
     if (s->exchange)
-        plcExchangeReport(s, file);
+        transportLines(s, file);
     plcStationOptionsText(s, text, sizeof(text));
     fprintf(file, "    options: %s\n", text[0] ? text : "all default");
     fprintf(file, "    I/O Intr records: %u in, %u out\n", plcScanCount(s->inScan),

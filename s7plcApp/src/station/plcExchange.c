@@ -305,26 +305,27 @@ static void lookAtOutputs(plcStation *s, epicsUInt64 now)
 
 /* A worker that stands still must not leave old data with the records as good. A request, and
  * a second one where the PLC was busy, may take requestTimeout each. */
-static void watchWorker(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
+static int workerStands(plcStation *s, epicsUInt64 now, epicsUInt64 *wake,
+                        char why[PLC_REASON_SIZE])
 {
     plcExchange *x = s->exchange;
     double pause = x->transport->pause(x->pvt, &s->now);
-    char why[PLC_REASON_SIZE];
     epicsUInt64 due;
 
     if (!x->sign || !(pause > 0))
-        return;
+        return 0;
     due = x->sign + plcMsToNs(pause + 2 * s->now.requestTimeout + SILENCE_MS);
     if (now < due) {
         plcEarlier(wake, due);
-        return;
+        return 0;
     }
-    epicsSnprintf(why, sizeof(why), "no %s request for %.1f s", x->transport->name,
+    epicsSnprintf(why, PLC_REASON_SIZE, "no %s request for %.1f s", x->transport->name,
                   (now - x->sign) * 1e-9);
-    plcLineLost(s, x->line, now, why);
+    return 1;
 }
 
-static void takeNews(plcStation *s, epicsUInt64 now)
+int plcExchangeNews(plcStation *s, epicsUInt64 now, epicsUInt64 *wake,
+                    char why[PLC_REASON_SIZE])
 {
     plcExchange *x = s->exchange;
     plcNews news;
@@ -354,20 +355,19 @@ static void takeNews(plcStation *s, epicsUInt64 now)
         if (news.inFaults)
             plcStationChanged(s);
         if (news.lost) {
-            plcLineLost(s, x->line, now, news.why);
-            return;
+            memcpy(why, news.why, PLC_REASON_SIZE);
+            return 1;
         }
     }
     if (s->lines[x->line].connection.state == plcConnectionUp && s->outSize)
         lookAtOutputs(s, now);
+    return workerStands(s, now, wake, why);
 }
 
-void plcExchangeStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
+void plcExchangePuts(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
 {
-    takeNews(s, now);
     plcStationCountPuts(s);
     tellThrough(s, now, wake);
-    watchWorker(s, now, wake);
 }
 
 /* --- Orders -------------------------------------------------------------------------------*/
@@ -425,23 +425,4 @@ void plcExchangeOutputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     if (!x->ordered)
         x->ordered = s->dirtySince;
     s->dirtySince = 0;
-}
-
-/* --- For people; any thread ---------------------------------------------------------------*/
-
-void plcExchangeReport(plcStation *s, FILE *file)
-{
-    const plcExchange *x = s->exchange;
-    plcStats stats;
-    char where[PLC_NAME_MAX + 12], reason[PLC_REASON_SIZE], state[PLC_REASON_SIZE + 20];
-
-    plcStationStats(s, &stats);
-    epicsMutexMustLock(s->lock);
-    epicsSnprintf(where, sizeof(where), "%s:%d", s->address[x->line], s->port[x->line]);
-    epicsMutexUnlock(s->lock);
-    if (plcStationOutputConnected(s, reason))
-        strcpy(state, "connected");
-    else
-        epicsSnprintf(state, sizeof(state), "not connected (%s)", reason);
-    x->transport->report(x->pvt, where, state, &stats, file);
 }

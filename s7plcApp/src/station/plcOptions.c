@@ -83,15 +83,15 @@ static const optRow rows[] = {
 {"writes",         optChoice, AT(writes),         0, 0,  0, "", "newest|all",   0,  0,
  "over an acknowledging wire: of numbers that follow on each other the newest leaves, or all"},
 {"requestTimeout", optNumber, AT(requestTimeout), 0, 10, 60000,   "ms", NULL, 1000, 0,
- "Modbus: a request without an answer for so long: the connection is given up"},
+ "a request without an answer for so long: the connection is given up"},
 {"readPeriod",     optPeriod, AT(readPeriod),     0, 10, 3600000, "ms", NULL, 1000, 0,
- "Modbus: how often the output registers are read again; 0: only at connect"},
+ "by requests: how often the outputs are read again; 0: only at connect"},
 {"singleWrite",    optChoice, AT(singleWrite),    0, 0,  0, "", "off|on",       0,  0,
- "Modbus: a single register is written by function 6, a single coil by function 5"},
+ "registers: a single one is written by function 6, a single coil by function 5"},
 {"maskWrite",      optChoice, AT(maskWrite),      0, 0,  0, "", "refuse|rmw",   0,  0,
- "Modbus: single bits of a register where function 22 is missing: refuse, or read and write"},
+ "registers: single bits of a register where function 22 is missing: refuse, or read and write"},
 {"heartbeatRegister", optPlace, AT(heartbeatRegister), 0, 0, 65535, "register", NULL, PLC_OFF, 0,
- "Modbus: a holding register that counts up every `heartbeat` ms, 1000 if that is 0"},
+ "registers: a holding register that counts up every `heartbeat` ms, 1000 if that is 0"},
 };
 /* clang-format on */
 

@@ -48,11 +48,11 @@ typedef struct plcOptions {
     int wordOrder;         /* plcWordsAsBytes, ... */
     int complete;          /* plcCompleteAcknowledged, plcCompleteSent */
     int writes;            /* plcWritesNewest, plcWritesAll */
-    double requestTimeout; /* ms, Modbus */
-    int singleWrite;       /* 0 or 1, Modbus */
-    int maskWrite;         /* plcMaskRefuse, plcMaskRmw; Modbus */
-    double heartbeatRegister; /* holding register, PLC_OFF; Modbus */
-    double readPeriod;     /* ms, 0 = only at connect; Modbus */
+    double requestTimeout; /* ms, of transports with requests */
+    int singleWrite;       /* 0 or 1; this and the next two: registers */
+    int maskWrite;         /* plcMaskRefuse, plcMaskRmw */
+    double heartbeatRegister; /* holding register, PLC_OFF */
+    double readPeriod;     /* ms, 0 = only at connect; of transports with requests */
 } plcOptions;
 
 void plcOptionsDefault(plcOptions *options);

@@ -56,7 +56,7 @@ PLC_HOT void plcInputFollowStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wak
         plcEarlier(wake, s->followAgain);
 }
 
-/* The registers of Modbus are read on each connection, blocks or not. */
+/* What the PLC holds of the outputs is read by requests on each connection, blocks or not. */
 void plcInputHeld(plcStation *s)
 {
     int before = epicsAtomicGetIntT(&s->waitsFirst), held;
@@ -341,7 +341,7 @@ static void takeNew(plcStation *s, const void *block)
 static void trackReadback(plcStation *s, const void *block, epicsUInt64 now)
 {
     epicsUInt64 patience = plcMsToNs(s->now.sendInterval + PATIENCE_MS);
-    int through = !plcReadbackWaiting(s->readback) || plcLineDelivered(s);
+    int through = !plcReadbackWaiting(s->readback) || plcStationDelivered(s);
     unsigned places =
         plcReadbackTrack(s->readback, block, s->out, now, patience, through);
 

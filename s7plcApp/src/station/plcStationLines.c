@@ -34,17 +34,6 @@ static const char *lineName(plcStation *s, unsigned i)
     return plcLineExchanges(s, i) ? s->exchange->transport->prefix : "";
 }
 
-void plcLineReason(plcStation *s, unsigned i, const char *reason)
-{
-    char *to = plcLineIsOutput(s, i) ? s->outReason : s->reason;
-
-    epicsMutexMustLock(s->lock);
-    epicsSnprintf(to, PLC_REASON_SIZE, "%s", reason);
-    epicsSnprintf(s->stats.lastError, sizeof(s->stats.lastError), "%s", reason);
-    epicsMutexUnlock(s->lock);
-    plcStationGate(s);
-}
-
 /* This line leads no longer. What still is on its way to the PLC must not get there: not
  * now, and not when its cable is plugged in again. And a connection that fell silent is
  * made anew, so that it is known soon whether the PLC is there. */
@@ -151,7 +140,7 @@ PLC_COLD static void lineFailed(plcStation *s, unsigned i, epicsUInt64 now,
     s->stats.connectErrors++;
     epicsMutexUnlock(s->lock);
     if (plcLineIsOutput(s, i) || (s->leader < 0 && !line->wrongSize))
-        plcLineReason(s, i, why);
+        plcStationReason(s, i, why);
     if (!line->logged) {
         line->logged = 1;
         epicsSnprintf(text, sizeof(text),
@@ -246,7 +235,7 @@ PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char
     epicsMutexMustLock(s->lock);
     s->stats.disconnects++;
     epicsMutexUnlock(s->lock);
-    plcLineReason(s, i, why);
+    plcStationReason(s, i, why);
     if (plcLineIsOutput(s, i)) {
         plcInputSetLeads(s);
         return;
@@ -378,7 +367,7 @@ PLC_COLD static void lineWrongSize(plcStation *s, unsigned i, epicsUInt64 now)
     s->stats.sizeMismatches++;
     s->stats.burstSize = (epicsUInt32)burst;
     epicsMutexUnlock(s->lock);
-    plcLineReason(s, i, why);
+    plcStationReason(s, i, why);
     if (first) {
         countVerdict(line, now);
         if (!babbles(line))
@@ -562,13 +551,6 @@ PLC_HOT int plcLineSocket(const plcStation *s, unsigned i)
     int worker = plcLineExchanges(s, i) && c->state == plcConnectionUp;
 
     return worker || c->state == plcConnectionDown ? -1 : c->socket;
-}
-
-int plcLineDelivered(const plcStation *s)
-{
-    if (s->exchange)
-        return !s->exchange->ordered;
-    return s->leader >= 0 && plcConnectionDelivered(&s->lines[s->leader].connection);
 }
 
 /* The data of a pair lives on for recvTimeout without a leader. */

@@ -176,17 +176,27 @@ struct plcStation {
 /* What the PLC shows at layoutAt: no block yet, our id (or one of both is 0), another. */
 enum { plcLayoutUnknown, plcLayoutAgrees, plcLayoutDiffers };
 
-/* The thread's main function. */
-void plcStationThread(void *arg);
-
 /* So many puts wait in their order; of more, the newest of each place. */
 #define PLC_PUTS_MAX 1000
 
-/* Counts puts that were dropped because too many wait; says so once, until none waits. */
+/* All that the thread does. */
+void plcStationThread(plcStation *station);
+
+/* --- plcStationState.c; any thread, but for the log ---------------------------------------- */
+
+/* Why there is no connection on line i, for AMSG and statistics. */
+void plcStationReason(plcStation *s, unsigned i, const char *reason);
+
+/* Counts puts that were dropped because too many wait; says so once, until none waits. By the
+ * thread. */
 void plcStationCountPuts(plcStation *station);
 
-/* The last thing that the thread does. */
-void plcStationEnds(plcStation *station);
+/* Why outputs go nowhere. With the lock held. */
+const char *plcStationOutReason(const plcStation *s);
+
+/* True when all that was sent on the line that takes the output has reached the PLC. By the
+ * thread. */
+int plcStationDelivered(const plcStation *s);
 
 /* Opens or closes the output image for puts, after anything changed that matters to it.
  * Any thread. */
@@ -290,9 +300,6 @@ void plcLineDataStep(plcStation *s, epicsUInt64 *wake);
  * knows why it ends. */
 int plcLineSocket(const plcStation *s, unsigned i);
 
-/* True when all that was sent on the line that takes the output has reached the PLC. */
-int plcLineDelivered(const plcStation *s);
-
 /* poll() reported something about line i. */
 void plcLineReady(plcStation *s, unsigned i, short revents, epicsUInt64 now);
 
@@ -301,9 +308,6 @@ void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char *why);
 
 /* Something happened that the policy must know; the leader may change. */
 void plcLineTellPolicy(plcStation *s, plcEvent event, unsigned i, epicsUInt64 now);
-
-/* Why there is no connection, for AMSG and statistics. */
-void plcLineReason(plcStation *s, unsigned i, const char *reason);
 
 /* True for a line that only carries output, while blocks come by another. */
 static inline int plcLineIsOutput(const plcStation *s, unsigned i)
@@ -334,17 +338,19 @@ void plcExchangeUp(plcStation *s);
 void plcExchangeLost(plcStation *s, const char *why);
 void plcExchangeDown(plcStation *s);
 
-/* What the worker has to tell; and whether it still does. */
-void plcExchangeStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake);
+/* What the worker has to tell; and whether it still does. Returns 1 when the connection is of
+ * no use any more, and why. */
+int plcExchangeNews(plcStation *s, epicsUInt64 now, epicsUInt64 *wake,
+                    char why[PLC_REASON_SIZE]);
+
+/* Puts under way: how many, and who waits for them. */
+void plcExchangePuts(plcStation *s, epicsUInt64 now, epicsUInt64 *wake);
 
 /* What records have written. */
 void plcExchangeOutputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake);
 
 /* Hands the options on. */
 void plcExchangeOptions(plcStation *s);
-
-/* Lines of the transport for a report. Any thread. */
-void plcExchangeReport(plcStation *s, FILE *file);
 
 /* By plcStation.c, while there is no thread: the transport copies `own`. Line 0: all data
  * goes there, 1: only the output. */

@@ -2,7 +2,7 @@
  * timers, and does what they ask. It waits for nothing else, but for records in a small
  * scan pass (plcScanHere).
  *
- * Reads from top to bottom: log, output, statistics, loop. What comes in is handled in
+ * Reads from top to bottom: output, statistics, loop. What comes in is handled in
  * plcStationLines.c and plcStationInput.c.
  */
 #include <poll.h>
@@ -28,55 +28,8 @@
 #define LOOK_MS 1
 #define LOOK_MAX_MS 16
 
-/* Log lines per minute and station; the rest is counted. */
-#define LOG_LINES 20
-
-/* --- Log: transitions only, limited
- * ------------------------------------------------------*/
-
-PLC_COLD void plcStationLog(plcStation *s, int severity, const char *text)
-{
-    epicsUInt64 now = epicsMonotonicGet();
-
-    if (now >= s->logRefill) {
-        if (s->logDropped)
-            errlogSevPrintf(errlogMinor,
-                            "s7plc %s: %u more messages in the last minute\n", s->name,
-                            s->logDropped);
-        s->logDropped = 0;
-        s->logTokens = LOG_LINES;
-        s->logRefill = now + plcMsToNs(60000);
-    }
-    if (s->logTokens == 0) {
-        s->logDropped++;
-        return;
-    }
-    s->logTokens--;
-    errlogSevPrintf((errlogSevEnum)severity, "s7plc %s: %s\n", s->name, text);
-}
-
 /* --- Output
  * -----------------------------------------------------------------------------*/
-
-void plcStationCountPuts(plcStation *s)
-{
-    epicsUInt64 dropped, more;
-    int some = plcImagePutsWaiting(s->out, NULL, NULL) > 0;
-
-    plcImagePutsThrough(s->out, &dropped);
-    more = dropped - s->putsDropped;
-    s->putsDropped = dropped;
-    if (more) {
-        epicsMutexMustLock(s->lock);
-        s->stats.putsDropped += more;
-        epicsMutexUnlock(s->lock);
-    }
-    if (more && !s->saidDropped)
-        plcStationLog(s, errlogMinor,
-                      "puts come faster than the PLC takes them: of each place the newest "
-                      "is kept");
-    s->saidDropped = some && (s->saidDropped || more);
-}
 
 static void countSent(plcStation *s, epicsUInt64 now)
 {
@@ -361,7 +314,7 @@ static void begin(plcStation *s)
     for (i = 0; i < s->lineCount; i++)
         plcLineAddress(s, i, 0);
     if (!s->lines[0].resolver) {
-        plcLineReason(s, 0, "no address configured");
+        plcStationReason(s, 0, "no address configured");
         plcInputInvalidate(s, plcStateNoAddress, "no address configured");
     }
 }
@@ -426,9 +379,17 @@ PLC_COLD static int goOn(plcStation *s, int before)
     return running;
 }
 
-PLC_HOT void plcStationThread(void *arg)
+static void exchangeStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
 {
-    plcStation *s = arg;
+    char why[PLC_REASON_SIZE];
+
+    if (plcExchangeNews(s, now, wake, why))
+        plcLineLost(s, s->exchange->line, now, why);
+    plcExchangePuts(s, now, wake);
+}
+
+PLC_HOT void plcStationThread(plcStation *s)
+{
     int ran = 0;
     unsigned i;
 
@@ -443,7 +404,7 @@ PLC_HOT void plcStationThread(void *arg)
         if (s->policyWake && s->looked >= s->policyWake)
             plcLineTellPolicy(s, plcEventTick, 0, now);
         if (s->exchange)
-            plcExchangeStep(s, now, &wake);
+            exchangeStep(s, now, &wake);
         for (i = 0; i < s->lineCount; i++)
             plcLineStep(s, i, now, &wake);
         plcLineDataStep(s, &wake);
@@ -468,5 +429,4 @@ PLC_HOT void plcStationThread(void *arg)
     }
     if (s->policy->end)
         s->policy->end(s->policyPvt);
-    plcStationEnds(s);
 }

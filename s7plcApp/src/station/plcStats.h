@@ -39,7 +39,7 @@ typedef struct plcStats {
     epicsUInt32 mapPlcCrc;      /* of the table that the PLC works with, 0 = none */
     char mapReason[PLC_TEXT_SIZE]; /* why the PLC does not work with ours */
     unsigned putsWaiting;       /* for an acknowledging wire */
-    int outputConnected;        /* 1: outputs go somewhere; over Modbus this may be another
+    int outputConnected;        /* 1: outputs go somewhere; over another wire this may be another
                                    connection than that of the blocks */
     char lastError[PLC_TEXT_SIZE];
 
@@ -70,7 +70,7 @@ typedef struct plcStats {
     epicsUInt64 connectErrors;  /* attempts that failed */
     epicsUInt64 clockErrors;    /* blocks whose PLC clock was nonsense */
     epicsUInt64 putsDropped;    /* because too many waited: a newer one of its place is kept */
-    epicsUInt64 requests;       /* Modbus: all that were sent */
+    epicsUInt64 requests;       /* by requests: all that were sent */
     epicsUInt64 exceptions;     /* of them the PLC refused */
     epicsUInt64 requestTimeouts; /* of them it did not answer */
 
@@ -79,7 +79,7 @@ typedef struct plcStats {
     double jitter;              /* standard deviation of the period */
     double sendLatency;         /* last: first write to last byte in the kernel */
     double sendLatencyMax;
-    double requestLatency;      /* Modbus, last: request to answer */
+    double requestLatency;      /* last: request to answer */
     double requestLatencyMax;
     double scanLatency;         /* last: block's arrival to the end of its pass */
     double scanLatencyMax;

@@ -1,5 +1,5 @@
 /* How a station exchanges values over a wire that acknowledges them: the table of functions by
- * which the core knows a transport (Modbus/TCP, EtherNet/IP) without knowing what it is.
+ * which the core knows a transport without knowing what it is.
  *
  * The station connects, waits before it tries again, logs, and decides what may leave; it
  * hands the connected socket to the transport. The transport has a thread of its own, its
@@ -61,8 +61,8 @@ typedef struct plcTransportSetup {
 } plcTransportSetup;
 
 typedef struct plcTransport {
-    const char *name;   /* "Modbus" */
-    const char *prefix; /* "Modbus ": before log lines about its connection */
+    const char *name;   /* of the wire, for people */
+    const char *prefix; /* the same and a blank: before log lines about its connection */
 
     /* Makes one for a PLC, when it is configured. `own` is the transport's own setup, of
      * which it makes a copy. No thread yet. */

@@ -1,0 +1,108 @@
+/* Device support: what all of it stands on: the structure of a record and its row, alarms and
+ * messages, time stamps.
+ *
+ * Knows neither what a link says nor how bytes travel.
+ */
+#include <stdarg.h>
+
+#include <alarm.h>
+#include <dbAccess.h>
+#include <epicsStdio.h>
+#include <epicsTime.h>
+#include <errlog.h>
+
+#include "plcCompat.h"
+#include "devS7plc.h"
+#include "plcHot.h"
+
+/* --- Messages ----------------------------------------------------------------------- */
+
+int devFail(plcLinkError *error, size_t column, const char *format, ...)
+{
+    va_list args;
+
+    error->column = column;
+    va_start(args, format);
+    epicsVsnprintf(error->text, sizeof(error->text), format, args);
+    va_end(args);
+    return -1;
+}
+
+void devWarn(dbCommon *prec, const char *format, ...)
+{
+    const devSupport *support = devSupportOf(prec);
+    char text[400];
+    va_list args;
+
+    va_start(args, format);
+    epicsVsnprintf(text, sizeof(text), format, args);
+    va_end(args);
+    errlogPrintf("%s %s \"%s\" warning: %s\n", support->dtyp, support->shape.recordType,
+                 prec->name, text);
+}
+
+/* --- Alarms and time stamps ----------------------------------------------------------- */
+
+void devStampNow(dbCommon *prec)
+{
+    if (prec->tse == epicsTimeEventDeviceTime)
+        epicsTimeGetCurrent(&prec->time);
+}
+
+void devStamp(dbCommon *prec)
+{
+    recGblGetTimeStamp(prec);
+    devStampNow(prec);
+}
+
+/* The reason that follows says more than the UDF alarm of an output without a value. */
+static void overUndefined(dbCommon *prec)
+{
+    if (prec->nsta == UDF_ALARM)
+        prec->nsev = NO_ALARM;
+}
+
+PLC_HOT devRecord *devOf(dbCommon *prec)
+{
+    devRecord *dev = prec->dpvt;
+
+    if (dev && dev->station) {
+        plcClearMessage(prec);
+        return dev;
+    }
+    overUndefined(prec);
+    recGblSetSevrMsg(prec, LINK_ALARM, INVALID_ALARM, "%s",
+                     dev ? dev->reason : "no link to a PLC");
+    devStampNow(prec);
+    return NULL;
+}
+
+const void *devMask(const devRecord *dev, epicsUInt8 bytes[DEV_SCALAR])
+{
+    epicsUInt64 bits = dev->mask ? dev->mask : dev->shifted ? *dev->shifted : 0;
+
+    if (!bits)
+        return NULL;
+    plcPutInt(dev->type, bytes, dev->order, (epicsInt64)bits);
+    return bytes;
+}
+
+/* For s7plcShow: an output that no one ever wrote is a PINI that was forgotten. */
+void devHasValue(devRecord *dev)
+{
+    if (dev->user.unwritten) /* no other thread sets it */
+        plcUsersWritten(plcStationUsers(dev->station), &dev->user);
+}
+
+long devRefuseWrite(dbCommon *prec, const char *format, ...)
+{
+    char text[PLC_REASON_SIZE];
+    va_list args;
+
+    va_start(args, format);
+    epicsVsnprintf(text, sizeof(text), format, args);
+    va_end(args);
+    overUndefined(prec);
+    recGblSetSevrMsg(prec, WRITE_ALARM, INVALID_ALARM, "%s", text);
+    return -1;
+}

@@ -1,0 +1,143 @@
+/* Device support: bytes between an image and a record that processes, and what becomes of an
+ * output's put: written, refused, on its way, or taken from the PLC instead.
+ *
+ * Knows no record type and no link: the place is in devRecord.
+ */
+#include <stdlib.h>
+
+#include <alarm.h>
+#include <dbAccess.h>
+#include <epicsStdio.h>
+#include <epicsTime.h>
+
+#include "plcCompat.h"
+#include "devS7plc.h"
+#include "plcHot.h"
+
+/* --- Inputs ---------------------------------------------------------------------------- */
+
+/* The PLC may have refused to show this place. */
+static long devUnread(dbCommon *prec, const devRecord *dev)
+{
+    epicsUInt8 mask[DEV_SCALAR];
+    char reason[PLC_REASON_SIZE];
+
+    if (!plcFaultsFind(dev->faults, dev->offset, dev->length, devMask(dev, mask), reason))
+        return 0;
+    recGblSetSevrMsg(prec, READ_ALARM, INVALID_ALARM, "%s", reason);
+    return -1;
+}
+
+PLC_HOT long devFetch(dbCommon *prec, void *bytes)
+{
+    devRecord *dev = devOf(prec);
+    char reason[PLC_REASON_SIZE];
+
+    if (!dev)
+        return -1;
+    if (dev->silent)
+        devSilentLeave(dev);
+    if (plcImageRead(dev->image, dev->offset, dev->length, bytes,
+                     prec->tse == epicsTimeEventDeviceTime ? &prec->time : NULL) == 0)
+        return dev->faults ? devUnread(prec, dev) : 0;
+    plcImageReason(dev->image, reason);
+    recGblSetSevrMsg(prec, COMM_ALARM, INVALID_ALARM, "%s", reason);
+    devStampNow(prec);
+    return -1;
+}
+
+PLC_HOT long devFetchInt(dbCommon *prec, epicsInt64 *value)
+{
+    const devRecord *dev = prec->dpvt;
+    epicsUInt8 bytes[DEV_SCALAR];
+
+    if (devFetch(prec, bytes))
+        return -1;
+    *value = plcGetInt(dev->type, bytes, dev->order);
+    return 0;
+}
+
+/* --- Outputs --------------------------------------------------------------------------- */
+
+long devStore(dbCommon *prec, const void *bytes, const void *mask)
+{
+    devRecord *dev = devOf(prec);
+    char reason[PLC_REASON_SIZE];
+
+    if (!dev)
+        return -1;
+    devStampNow(prec);
+    reason[0] = 0;
+    dev->raised = 0;
+    dev->refused = plcStationPut(dev->station, dev->offset, dev->length, bytes, mask, reason,
+                                 dev->shown != NULL, &dev->mark) != 0;
+    if (dev->refused)
+        return devRefuseWrite(prec, "%s", reason);
+    devHasValue(dev);
+    if (dev->shown)
+        devWrote(dev, bytes, mask);
+    if (dev->shown && !reason[0] && !plcStationTaken(dev->station))
+        epicsSnprintf(reason, sizeof(reason), "waiting for the PLC's value");
+    if (reason[0])
+        dev->mark.number = 0; /* nobody knows when it will leave */
+    if (reason[0])
+        return devAway(prec, dev, reason);
+    return dev->mark.number ? 0 : devRefused(prec, dev); /* else the answer will say */
+}
+
+long devStoreInt(dbCommon *prec, epicsInt64 value, epicsUInt64 mask)
+{
+    const devRecord *dev = devOf(prec);
+    epicsUInt8 bytes[DEV_SCALAR], bits[DEV_SCALAR];
+
+    if (!dev)
+        return -1;
+    plcPutInt(dev->type, bytes, dev->order, value);
+    if (mask == ~(epicsUInt64)0)
+        return devStore(prec, bytes, NULL);
+    plcPutInt(dev->type, bits, dev->order, (epicsInt64)mask);
+    return devStore(prec, bytes, bits);
+}
+
+/* The record that was active until now gets the alarm that the answer has brought. Without a
+ * put it has changed its link meanwhile. */
+static long putEnds(dbCommon *prec, devRecord *dev, char reason[PLC_REASON_SIZE])
+{
+    if (!dev || !dev->station || !dev->mark.number)
+        return 0;
+    dev->mark.number = 0;
+    return plcStationOutputConnected(dev->station, reason) ? devRefused(prec, dev)
+                                                           : devAway(prec, dev, reason);
+}
+
+long devWrite(dbCommon *prec)
+{
+    const devSupport *support = devSupportOf(prec);
+    devRecord *dev = prec->dpvt;
+    char reason[PLC_REASON_SIZE];
+    long status;
+
+    if (dev)
+        dev->raised = 0; /* what it had raised ends with this processing */
+    if (prec->pact && !support->delays) /* the put is through */
+        return putEnds(prec, dev, reason);
+    if (dev && dev->following) {
+        dev->following = 0;
+        devTakeValue(prec, dev);
+        return devRefused(prec, dev);
+    }
+    if (dev) {
+        dev->refused = 0;
+        dev->mark.number = 0;
+    }
+    status = support->write(prec);
+    if (dev && dev->mark.number) {
+        if (!support->delays && devPutWait(prec, dev))
+            return 0;
+        status = devRefused(prec, dev);
+    }
+    /* A refused put goes back to the PLC's value, when that is known. */
+    if (dev && dev->refused && dev->shown && dev->known)
+        devTakeValue(prec, dev);
+    return status;
+}

@@ -1,0 +1,487 @@
+/* What records ask of a station, and what people set and read; any thread, see plcStation.h.
+ *
+ * Only copies, and words left for the thread.
+ */
+#include <string.h>
+
+#include <epicsAtomic.h>
+#include <epicsStdio.h>
+#include <epicsStdlib.h>
+#include <errlog.h>
+
+#include "plcClock.h"
+#include "plcHot.h"
+#include "plcStationPvt.h"
+
+const char *plcStationName(const plcStation *s)
+{
+    return s->name;
+}
+
+int plcStationBigEndian(const plcStation *s)
+{
+    return s->bigEndian;
+}
+
+int plcStationOrder(const plcStation *s)
+{
+    return s->order;
+}
+
+size_t plcStationInSize(const plcStation *s)
+{
+    return s->inSize;
+}
+
+size_t plcStationOutSize(const plcStation *s)
+{
+    return s->outSize;
+}
+
+plcImage *plcStationInput(plcStation *s)
+{
+    return s->in;
+}
+
+plcImage *plcStationOutput(plcStation *s)
+{
+    return s->out;
+}
+
+int plcStationPut(plcStation *s, size_t offset, size_t length, const void *data,
+                  const void *mask, char reason[PLC_REASON_SIZE], int follows,
+                  plcPutMark *mark)
+{
+    epicsUInt64 now = epicsMonotonicGet();
+    plcWritten written;
+    int status;
+
+    mark->losses = epicsAtomicGetIntT(&s->outLosses);
+    status = plcReadbackWrite(s->readback, s->out, offset, length, data, mask, &written, now);
+    reason[0] = 0;
+    mark->number = 0;
+    if (status < 0) {
+        epicsMutexMustLock(s->lock);
+        s->stats.refusedWrites++;
+        memcpy(reason, s->refusal, PLC_REASON_SIZE);
+        epicsMutexUnlock(s->lock);
+        return -1;
+    }
+    if (s->exchange)
+        plcReadbackWrote(s->exchange->tracked, s->out, offset, length, mask, written.takes,
+                         now);
+    epicsAtomicSetIntT(follows ? &s->followed : &s->written, 1);
+    if (status > 0)
+        plcStationWake(s);
+    if (plcStationOutputConnected(s, reason) && !follows && plcStationHeld(s))
+        epicsSnprintf(reason, PLC_REASON_SIZE, "%s", plcStationHeldReason(s));
+    if (s->exchange && s->exchange->transport->takesPuts &&
+        epicsAtomicGetIntT(&s->acknowledges))
+        mark->number = written.number;
+    return 0;
+}
+
+int plcStationThrough(plcStation *s, const plcPutMark *mark)
+{
+    return mark->losses != epicsAtomicGetIntT(&s->outLosses) ||
+           plcImagePutsThrough(s->out, NULL) >= mark->number;
+}
+
+static void throughNow(epicsCallback *callback)
+{
+    plcStation *s;
+
+    callbackGetUser(s, callback);
+    epicsAtomicSetIntT(&s->telling, 0);
+    s->through(s);
+}
+
+void plcStationOnThrough(plcStation *s, void (*through)(plcStation *station))
+{
+    epicsMutexMustLock(s->lock);
+    if (!s->through) {
+        callbackSetCallback(throughNow, &s->throughCallback);
+        callbackSetPriority(priorityMedium, &s->throughCallback);
+        callbackSetUser(s, &s->throughCallback);
+        s->through = through;
+    }
+    epicsMutexUnlock(s->lock);
+}
+
+void plcStationAwait(plcStation *s, int more)
+{
+    epicsAtomicAddIntT(&s->awaited, more);
+}
+
+int plcStationListen(plcStation *s, const plcListener *listener, void *pvt)
+{
+    if (s->started || (s->listener && listener))
+        return -1;
+    s->listener = listener;
+    s->listenerPvt = pvt;
+    return 0;
+}
+
+void plcStationAddReadback(plcStation *s, const void *key, size_t out, size_t in,
+                           size_t length, const void *mask)
+{
+    int placed = in != PLC_NO_PLACE;
+
+    if (placed)
+        plcReadbackAdd(s->readback, key, out, in, length, mask);
+    if (s->exchange)
+        plcReadbackAdd(placed ? s->exchange->readback : s->exchange->tracked, key, out, out,
+                       length, mask);
+    epicsMutexMustLock(s->lock);
+    s->optionsChanged = 1; /* a duty more for the thread: see chooseScanThread */
+    epicsMutexUnlock(s->lock);
+    plcStationWake(s);
+}
+
+void plcStationRemoveReadback(plcStation *s, const void *key)
+{
+    plcReadbackRemove(s->readback, key);
+    if (s->exchange) {
+        plcReadbackRemove(s->exchange->readback, key);
+        plcReadbackRemove(s->exchange->tracked, key);
+    }
+    plcStationWake(s); /* was it the last one? then outputs need not wait for it */
+}
+
+int plcStationShowsOutputs(plcStation *s)
+{
+    int track;
+
+    epicsMutexMustLock(s->lock);
+    track = s->options.track;
+    epicsMutexUnlock(s->lock);
+    return s->exchange && track;
+}
+
+long plcStationMirror(plcStation *s)
+{
+    long offset;
+
+    epicsMutexMustLock(s->lock);
+    offset = (long)s->options.readback;
+    epicsMutexUnlock(s->lock);
+    return offset;
+}
+
+int plcStationTaken(plcStation *s)
+{
+    return epicsAtomicGetIntT(&s->taken);
+}
+
+static void followNow(epicsCallback *callback)
+{
+    plcStation *s;
+
+    callbackGetUser(s, callback);
+    epicsAtomicSetIntT(&s->following, 0);
+    s->follow(s);
+}
+
+void plcStationOnTake(plcStation *s, void (*follow)(plcStation *station))
+{
+    epicsMutexMustLock(s->lock);
+    if (!epicsAtomicGetIntT(&s->follows)) { /* the callback may be in use from now on */
+        callbackSetCallback(followNow, &s->followCallback);
+        callbackSetPriority(priorityMedium, &s->followCallback);
+        callbackSetUser(s, &s->followCallback);
+        s->follow = follow;
+        epicsAtomicSetIntT(&s->follows, 1);
+    }
+    epicsMutexUnlock(s->lock);
+}
+
+int plcStationWrite(plcStation *s, size_t offset, size_t length, const void *data,
+                    const void *mask, char reason[PLC_REASON_SIZE])
+{
+    plcPutMark mark;
+
+    return plcStationPut(s, offset, length, data, mask, reason, 0, &mark);
+}
+
+int plcStationWriteFollower(plcStation *s, size_t offset, size_t length, const void *data,
+                            const void *mask, char reason[PLC_REASON_SIZE])
+{
+    plcPutMark mark;
+
+    return plcStationPut(s, offset, length, data, mask, reason, 1, &mark);
+}
+
+int plcStationTakes(plcStation *s)
+{
+    return epicsAtomicGetIntT(&s->takes);
+}
+
+int plcStationHeld(plcStation *s)
+{
+    return epicsAtomicGetIntT(&s->waitsFirst);
+}
+
+const char *plcStationHeldReason(const plcStation *s)
+{
+    return s->exchange ? "waits for the PLC's first answer" : "waits for the PLC's first block";
+}
+
+void plcStationTell(plcStation *s)
+{
+    epicsAtomicSetIntT(&s->tell, 1);
+    plcStationWake(s);
+}
+
+/* Fills reason (unless NULL) with why, which is guarded by the lock, unless it is fine. */
+static int sayWhy(plcStation *s, int fine, const char *why, char *reason)
+{
+    if (!reason)
+        return fine;
+    reason[0] = 0;
+    if (fine)
+        return 1;
+    epicsMutexMustLock(s->lock);
+    memcpy(reason, why, PLC_REASON_SIZE);
+    epicsMutexUnlock(s->lock);
+    return 0;
+}
+
+int plcStationConnected(plcStation *s, char reason[PLC_REASON_SIZE])
+{
+    return sayWhy(s, epicsAtomicGetIntT(&s->connected), s->reason, reason);
+}
+
+int plcStationOutputConnected(plcStation *s, char reason[PLC_REASON_SIZE])
+{
+    return sayWhy(s, epicsAtomicGetIntT(&s->leads), plcStationOutReason(s), reason);
+}
+
+plcFaults *plcStationInFaults(plcStation *s)
+{
+    return s->exchange ? s->exchange->inFaults : NULL;
+}
+
+plcFaults *plcStationOutFaults(plcStation *s)
+{
+    return s->exchange ? s->exchange->outFaults : NULL;
+}
+
+IOSCANPVT plcStationInRecord(plcStation *s, size_t offset, size_t length,
+                             struct dbCommon *prec, int leave)
+{
+    return plcScanRecord(s->inScan, offset, length, prec, leave);
+}
+
+IOSCANPVT plcStationInScan(plcStation *s, size_t offset, size_t length, int prio,
+                           int leave)
+{
+    return plcScanJoin(s->inScan, offset, length, prio, leave);
+}
+
+IOSCANPVT plcStationOutScan(plcStation *s, int prio, int leave)
+{
+    return plcScanJoin(s->outScan, 0, s->outSize, prio, leave);
+}
+
+IOSCANPVT plcStationStatusRecord(plcStation *s, struct dbCommon *prec, int leave)
+{
+    return plcScanRecord(s->statusScan, 0, 0, prec, leave);
+}
+
+IOSCANPVT plcStationStatsScan(plcStation *s, int prio, int leave)
+{
+    IOSCANPVT list = plcScanJoin(s->statsScan, 0, 0, prio, leave);
+
+    plcStationWake(s); /* its timer may have to start */
+    return list;
+}
+
+plcUsers *plcStationUsers(plcStation *s)
+{
+    return s->users;
+}
+
+void plcStationAddress(plcStation *s, char *text, size_t size)
+{
+    epicsMutexMustLock(s->lock);
+    if (s->port[0])
+        epicsSnprintf(text, size, "%s:%d", s->address[0], s->port[0]);
+    else
+        epicsSnprintf(text, size, "%s", s->address[0]);
+    epicsMutexUnlock(s->lock);
+}
+
+int plcStationMove(plcStation *s, const char *text, char *error, size_t size)
+{
+    char host[PLC_NAME_MAX + 1];
+    size_t length = strcspn(text, ":");
+    epicsInt32 port = 0;
+    unsigned i;
+
+    if (length == 0 || length >= sizeof(host) || strcspn(text, " \t/") < length) {
+        epicsSnprintf(error, size, "need host[:port]");
+        return -1;
+    }
+    if (text[length] && (epicsParseInt32(text + length + 1, &port, 10, NULL) || port < 1 ||
+                         port > 65535)) {
+        epicsSnprintf(error, size, "port must be 1 to 65535");
+        return -1;
+    }
+    epicsSnprintf(host, sizeof(host), "%.*s", (int)length, text);
+
+    epicsMutexMustLock(s->lock);
+    if (!port)
+        port = s->port[0];
+    for (i = 0; port && i < s->policy->links; i++) {
+        /* a second PLC at IPaddr+1 moves along; one with an address of its own stays */
+        if (i == 0 || s->plus[i])
+            strcpy(s->address[i], host);
+        if (i == 0 || s->plus[i] || s->port[i] != port)
+            s->moved |= 1u << i;
+        s->port[i] = port;
+    }
+    if (port && s->outHere) {
+        strcpy(s->address[s->exchange->line], host);
+        s->moved |= 1u << s->exchange->line;
+    }
+    epicsMutexUnlock(s->lock);
+    if (!port) {
+        epicsSnprintf(error, size, "need host:port");
+        return -1;
+    }
+    plcStationWake(s);
+    return 0;
+}
+
+void plcStationSend(plcStation *s)
+{
+    epicsAtomicSetIntT(&s->sendNow, 1);
+    plcStationWake(s);
+}
+
+/* --- Options and statistics -------------------------------------------------------------*/
+
+/* Options that point into the input block must lie in it. */
+static int optionsFit(plcStation *s, const plcOptions *o, char *error, size_t size)
+{
+    const struct {
+        const char *key;
+        double offset;
+        size_t length;
+    } places[] = {
+        {"alive",     o->alive,     o->aliveType->size                         },
+        {"timestamp", o->timestamp, o->timestampFormat == plcClockIsDtl ? PLC_CLOCK_DTL_SIZE : PLC_CLOCK_DT_SIZE},
+        {"readback",  o->readback,  s->outSize                                 },
+        {"layoutAt",  o->layoutAt,  2                                          },
+    };
+    size_t i;
+
+    if (o->sync && o->layoutAt >= 0) {
+        epicsSnprintf(error, size, "option layoutAt: with sync=on the layout id is in the "
+                      "header of the blocks");
+        return -1;
+    }
+    if (o->map && (!o->sync || s->inSize < PLC_TABLES_STATUS ||
+                   s->outSize < PLC_TABLES_PIECE + 4)) {
+        epicsSnprintf(error, size, "option map: sync=on first, and blocks of %d bytes in and "
+                      "%d out at least; inSize is %u, outSize %u", PLC_TABLES_STATUS,
+                      PLC_TABLES_PIECE + 4, (unsigned)s->inSize, (unsigned)s->outSize);
+        return -1;
+    }
+    if (o->sync && s->exchange) {
+        epicsSnprintf(error, size, "option sync: the handshake is in the blocks both ways, "
+                      "and this PLC gets its values over %s", s->exchange->transport->name);
+        return -1;
+    }
+    if (o->sync && (s->inSize < PLC_HEADER_SIZE || s->outSize < PLC_HEADER_SIZE)) {
+        epicsSnprintf(error, size, "option sync: both blocks begin with a header of %d "
+                      "bytes; inSize is %u, outSize %u", PLC_HEADER_SIZE,
+                      (unsigned)s->inSize, (unsigned)s->outSize);
+        return -1;
+    }
+    for (i = 0; i < sizeof(places) / sizeof(places[0]); i++)
+        if (places[i].offset >= 0 && places[i].offset + places[i].length > s->inSize) {
+            epicsSnprintf(error, size,
+                          "option %s: %u bytes at %.0f do not fit the input block of %u",
+                          places[i].key, (unsigned)places[i].length, places[i].offset,
+                          (unsigned)s->inSize);
+            return -1;
+        }
+    return 0;
+}
+
+static int orderOf(int bigEndian, int wordOrder)
+{
+    return wordOrder == plcWordsAsBytes ? bigEndian
+                                        : plcOrder(bigEndian, wordOrder == plcWordsHigh);
+}
+
+int plcStationSetOption(plcStation *s, const char *key, const char *value, char *error,
+                        size_t size)
+{
+    plcOptions options;
+    int status;
+
+    /* Under the lock as a whole: who sets another one meanwhile shall not lose it. */
+    epicsMutexMustLock(s->lock);
+    options = s->options;
+    status = plcOptionsSet(&options, key, value, s->started, error, size);
+    if (status == 0)
+        status = optionsFit(s, &options, error, size);
+    if (status == 0) {
+        s->options = options;
+        s->optionsChanged = 1;
+    }
+    if (status == 0 && !s->started) {
+        plcScanByRange(s->inScan, options.scan == plcScanChanged);
+        s->order = orderOf(s->bigEndian, options.wordOrder);
+    }
+    epicsMutexUnlock(s->lock);
+    if (status)
+        return status;
+    plcStationGate(s);
+    plcStationWake(s);
+    return 0;
+}
+
+void plcStationGetOptions(plcStation *s, plcOptions *options)
+{
+    epicsMutexMustLock(s->lock);
+    *options = s->options;
+    epicsMutexUnlock(s->lock);
+}
+
+void plcStationStats(plcStation *s, plcStats *stats)
+{
+    epicsMutexMustLock(s->lock);
+    *stats = s->stats;
+    stats->putsWaiting = plcImagePutsWaiting(s->out, NULL, NULL);
+    epicsMutexUnlock(s->lock);
+}
+
+void plcStationStatsReset(plcStation *s)
+{
+    epicsMutexMustLock(s->lock);
+    plcStatsReset(&s->stats);
+    epicsMutexUnlock(s->lock);
+}
+
+void plcStationOptionsText(plcStation *s, char *text, size_t size)
+{
+    plcOptions options;
+
+    epicsMutexMustLock(s->lock);
+    options = s->options;
+    epicsMutexUnlock(s->lock);
+    plcOptionsSummary(&options, text, size);
+}
+
+const char *plcStateName(int state)
+{
+    static const char *const names[] = {"no address", "connecting", "waiting for data",
+                                        "ok",         "wrong size", "frozen",
+                                        "no PRIMARY", "layout mismatch"};
+
+    return state >= 0 && state < (int)(sizeof(names) / sizeof(names[0])) ? names[state]
+                                                                        : "?";
+}
