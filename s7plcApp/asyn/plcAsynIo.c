@@ -3,7 +3,6 @@
  *
  * They copy bytes out of the input image and into the output image, and never wait; but
  * during iocInit, for the first block. */
-#include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -29,19 +28,6 @@
 #endif
 
 #define ALL_BITS 0xFFFFFFFFu
-
-asynStatus plcAsynFail(asynUser *user, asynStatus status, int alarm, const char *format,
-                       ...)
-{
-    va_list args;
-
-    user->alarmStatus = alarm;
-    user->alarmSeverity = INVALID_ALARM;
-    va_start(args, format);
-    epicsVsnprintf(user->errorMessage, user->errorMessageSize, format, args);
-    va_end(args);
-    return status;
-}
 
 static void clearAlarm(asynUser *user)
 {
@@ -598,11 +584,6 @@ static const struct {
     /* clang-format on */
 };
 
-void plcAsynCall(plcAsynUser *user, const void *bytes)
-{
-    faces[user->view->face].call(user, bytes);
-}
-
 /* Lets asyn fill in what we have no function for; it says so when it is called. */
 static asynStatus begin(plcAsynPort *port, plcAsynFace i)
 {
@@ -615,10 +596,16 @@ static asynStatus begin(plcAsynPort *port, plcAsynFace i)
     return pasynManager->registerInterface(port->name, face);
 }
 
+static void call(plcAsynUser *user, const void *bytes)
+{
+    faces[user->view->face].call(user, bytes);
+}
+
 int plcAsynIoRegister(plcAsynPort *port)
 {
     int i;
 
+    port->call = call;
     for (i = 0; i < plcAsynFaces; i++) {
         if (!faces[i].type)
             continue;

@@ -76,8 +76,7 @@ static void changed(void *pvt)
 const plcListener plcAsynListener = {.received = received,
                                      .delivered = delivered,
                                      .sent = sent,
-                                     .changed = changed,
-                                     .gone = plcAsynGone};
+                                     .changed = changed};
 
 /* --- Who is called back ---------------------------------------------------------- */
 
@@ -421,7 +420,7 @@ static int callNext(const pass *p)
     epicsMutexUnlock(port->lock);
     if (!bytes)
         return 0;
-    plcAsynCall(u, bytes);
+    u->port->call(u, bytes);
     epicsMutexMustLock(port->lock);
     port->called = NULL;
     gone = u->gone;
@@ -558,9 +557,8 @@ static void once(plcAsynPort *port)
     runPass(&p);
 }
 
-void plcAsynThread(void *arg)
+void plcAsynThread(plcAsynPort *port)
 {
-    plcAsynPort *port = arg;
     int i;
 
     for (i = 0; i < NUM_CALLBACK_PRIORITIES; i++) {
@@ -579,5 +577,4 @@ void plcAsynThread(void *arg)
         else if (epicsAtomicGetIntT(&port->running))
             once(port);
     }
-    plcAsynThreadEnds(port);
 }

@@ -1,4 +1,4 @@
-/* A port: its life, drvInfo, connect and disconnect, report; see plcAsynPort.h. */
+/* A port: its life, connect and disconnect, report; see plcAsynPort.h. */
 #include <ctype.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,152 +19,10 @@
 static ELLLIST ports = ELLLIST_INIT; /* only grows; by the thread that runs st.cmd */
 static epicsThreadOnceId onceId = EPICS_THREAD_ONCE_INIT;
 static plcWake someEnded;     /* a thread has ended */
-static plcWake first;         /* a block came, before iocInit was over */
-static epicsMutexId waitLock; /* guards waitUntil */
-static epicsUInt64 waitUntil; /* until then iocInit may wait; ns, 0: not begun */
-static double waitAtMost;     /* ms */
+static plcListener listener;  /* plcAsynListener, and what a port does when its station goes */
 
 /* All threads together may take so long to end, ms. */
 #define STOP_MS 5000
-
-/* --- drvInfo --------------------------------------------------------------------- */
-
-/* One place for each text: the records of a place share it. */
-static plcAsynPlace *findPlace(plcAsynPort *port, const char *text)
-{
-    ELLNODE *node;
-
-    for (node = ellFirst(&port->places); node; node = ellNext(node))
-        if (strcmp(CONTAINER(node, plcAsynPlace, node)->text, text) == 0)
-            return CONTAINER(node, plcAsynPlace, node);
-    return NULL;
-}
-
-static asynStatus userCreate(void *pvt, asynUser *user, const char *text,
-                             const char **typeName, size_t *size)
-{
-    plcAsynPort *port = pvt;
-    char error[640], warning[640] = "";
-    plcAsynPlace *place;
-    int addr = 0;
-
-    (void)typeName, (void)size;
-    if (!port->station)
-        return plcAsynFail(user, asynError, LINK_ALARM, "%s: its IOC has ended", port->name);
-    pasynManager->getAddr(user, &addr);
-    if (addr > 0)
-        return plcAsynFail(user, asynError, LINK_ALARM,
-                           "%s: address %d; a PLC is one device; allowed: 0", port->name,
-                           addr);
-    epicsMutexMustLock(port->lock);
-    place = findPlace(port, text);
-    if (!place) {
-        place = plcAsynPlaceCreate(port->station, text, error, warning, sizeof(error));
-        if (place)
-            ellAdd(&port->places, &place->node);
-    }
-    epicsMutexUnlock(port->lock);
-    if (!place) {
-        errlogSevPrintf(errlogMajor, "s7plcAsyn %s \"%s\": %s\n", port->name, text,
-                        error);
-        return plcAsynFail(user, asynError, LINK_ALARM, "%s \"%s\": %s", port->name, text,
-                           error);
-    }
-    if (warning[0])
-        errlogSevPrintf(errlogMinor, "s7plcAsyn %s \"%s\" warning: %s\n", port->name,
-                        text, warning);
-    user->drvUser = place;
-    /* A device that is not connected: the driver says why, and keeps what is written. */
-    user->reason = ASYN_REASON_QUEUE_EVEN_IF_NOT_CONNECTED;
-    return asynSuccess;
-}
-
-static asynStatus userGetType(void *pvt, asynUser *user, const char **typeName,
-                              size_t *size)
-{
-    plcAsynPlace *place = user->drvUser;
-
-    (void)pvt;
-    if (!place)
-        return plcAsynFail(user, asynError, LINK_ALARM, "no drvInfo");
-    if (typeName)
-        *typeName = place->text;
-    if (size)
-        *size = 0;
-    return asynSuccess;
-}
-
-/* Places stay: records that come later with the same text use them. */
-static asynStatus userDestroy(void *pvt, asynUser *user)
-{
-    (void)pvt;
-    user->drvUser = NULL;
-    return asynSuccess;
-}
-
-static asynDrvUser drvUserMethods = {userCreate, userGetType, userDestroy};
-
-plcAsynView *plcAsynViewOf(plcAsynPort *port, asynUser *user, plcAsynFace face)
-{
-    plcAsynPlace *place = user->drvUser;
-    plcAsynView *view;
-    int isNew;
-
-    if (!place) {
-        plcAsynFail(user, asynError, LINK_ALARM,
-                    "%s: no drvInfo; needed: [in|out] offset T=type", port->name);
-        return NULL;
-    }
-    if (!place->station) {
-        plcAsynFail(user, asynError, LINK_ALARM, "%s \"%s\": its IOC has ended", port->name,
-                    place->text);
-        return NULL;
-    }
-    epicsMutexMustLock(port->lock);
-    isNew = !place->views[face];
-    view = plcAsynPlaceView(place, face, port->name);
-    epicsMutexUnlock(port->lock);
-    if (isNew && !view->refused && place->output && !view->hasReadback &&
-        plcStationHeader(port->station))
-        errlogSevPrintf(
-            errlogMinor,
-            "s7plcAsyn %s \"%s\" warning: with sync=on the PLC must "
-            "show this output: add R=offset, or set the PLC's option readback\n",
-            port->name, place->text);
-    if (!view->refused)
-        return view;
-    if (isNew)
-        errlogSevPrintf(errlogMajor, "s7plcAsyn %s \"%s\": %s\n", port->name, place->text,
-                        view->refused);
-    plcAsynFail(user, asynError, LINK_ALARM, "%s \"%s\": %s", port->name, place->text,
-                view->refused);
-    return NULL;
-}
-
-/* --- The first block ------------------------------------------------------------- */
-
-void plcAsynWaitFirst(plcAsynPort *port, const plcAsynView *view)
-{
-    char reason[PLC_REASON_SIZE];
-    epicsUInt64 now, until;
-
-    if (epicsAtomicGetIntT(&port->running) || !view->hasReadback)
-        return;
-    for (;;) {
-        plcImageReason(plcStationInput(port->station), reason);
-        if (!reason[0])
-            return;
-        now = epicsMonotonicGet();
-        epicsMutexMustLock(waitLock);
-        if (!waitUntil)
-            waitUntil = now + (epicsUInt64)(waitAtMost * 1e6);
-        until = waitUntil;
-        epicsMutexUnlock(waitLock);
-        if (now >= until)
-            return;
-        plcWakeWait(&first, until);
-    }
-}
 
 /* --- asynCommon ------------------------------------------------------------------ */
 
@@ -267,23 +125,23 @@ static void commonReport(void *pvt, FILE *file, int details)
 
 static asynCommon commonMethods = {commonReport, commonConnect, commonDisconnect};
 
+static void gone(void *pvt);
+
 /* --- Life ------------------------------------------------------------------------ */
 
 static void initOnce(void *arg)
 {
     (void)arg;
-    waitLock = epicsMutexMustCreate();
     (void)plcWakeInit(&someEnded);
-    (void)plcWakeInit(&first);
+    listener = plcAsynListener;
+    listener.gone = gone;
 }
 
-void plcAsynFirst(void)
+static void serve(void *arg)
 {
-    plcWakeUp(&first);
-}
+    plcAsynPort *port = arg;
 
-void plcAsynThreadEnds(plcAsynPort *port)
-{
+    plcAsynThread(port);
     epicsEventSignal(port->ended);
     plcWakeUp(&someEnded);
 }
@@ -296,7 +154,7 @@ static void startPort(plcAsynPort *port)
     epicsAtomicSetIntT(&port->running, 0);
     port->thread = epicsThreadCreate(port->name, epicsThreadPriorityMedium,
                                      epicsThreadGetStackSize(epicsThreadStackMedium),
-                                     plcAsynThread, port);
+                                     serve, port);
     if (!port->thread)
         errlogSevPrintf(errlogFatal, "s7plcAsyn %s: cannot start its thread\n", port->name);
     plcAsynTraceStart(port->trace);
@@ -369,7 +227,7 @@ void plcAsynPortsBegin(void)
     ELLNODE *node;
 
     initHookRegister(hook); /* each IOC anew: an ended one has dropped its hooks */
-    waitUntil = 0;
+    plcAsynFirstBegin();
     for (node = ellFirst(&ports); node; node = ellNext(node))
         startPort(CONTAINER(node, plcAsynPort, node));
 }
@@ -397,12 +255,8 @@ static int registerPort(plcAsynPort *port)
     port->common.interfaceType = asynCommonType;
     port->common.pinterface = &commonMethods;
     port->common.drvPvt = port;
-    port->drvUser.interfaceType = asynDrvUserType;
-    port->drvUser.pinterface = &drvUserMethods;
-    port->drvUser.drvPvt = port;
     if (pasynManager->registerInterface(port->name, &port->common) != asynSuccess ||
-        pasynManager->registerInterface(port->name, &port->drvUser) != asynSuccess ||
-        plcAsynIoRegister(port))
+        plcAsynDrvUserRegister(port) || plcAsynIoRegister(port))
         return -1;
     port->user = pasynManager->createAsynUser(NULL, NULL);
     if (pasynManager->connectDevice(port->user, port->name, 0) != asynSuccess)
@@ -433,7 +287,7 @@ static void freeBuffers(plcAsynPort *port)
 }
 
 /* asyn knows the port for good; it serves another PLC when a later IOC makes it again. */
-void plcAsynGone(void *pvt)
+static void gone(void *pvt)
 {
     plcAsynPort *port = pvt;
     ELLNODE *node;
@@ -451,7 +305,7 @@ void plcAsynGone(void *pvt)
     port->station = NULL;
     freeBuffers(port);
     port->fresh = port->lost = port->dropped = port->good = 0;
-    waitAtMost = 0;
+    plcAsynFirstAtMost(0);
     epicsMutexUnlock(port->lock);
 }
 
@@ -519,7 +373,7 @@ static const char *bindPort(plcAsynPort *port, plcStation *station)
 
     port->station = station;
     makeBuffers(port);
-    if (plcStationListen(station, &plcAsynListener, port)) {
+    if (plcStationListen(station, &listener, port)) {
         error = "comes before iocInit";
     } else if (isNew && registerPort(port)) {
         plcStationListen(station, NULL, NULL);
@@ -558,7 +412,7 @@ int plcAsynPortCreate(const char *name, const char *stationName, double initialW
                         stationName, error);
         return -1;
     }
-    if (initialWait > waitAtMost)
-        waitAtMost = initialWait;
+    if (initialWait > 0)
+        plcAsynFirstAtMost(initialWait);
     return 0;
 }

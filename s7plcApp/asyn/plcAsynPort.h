@@ -43,6 +43,8 @@ typedef struct plcAsynPort {
     int known;      /* to asyn, which forgets no port */
     plcAsynTrace *trace;
     asynInterface common, drvUser, faces[plcAsynFaces];
+    /* calls the user back with the value of these bytes; of plcAsynIo */
+    void (*call)(struct plcAsynUser *user, const void *bytes);
 
     epicsMutexId lock; /* guards from here ... */
     ELLLIST places;
@@ -113,51 +115,53 @@ typedef struct plcAsynUser {
  * wait for the first blocks of PLCs, ms; see plcAsynWaitFirst. */
 int plcAsynPortCreate(const char *name, const char *station, double initialWait);
 
-/* The view of the place that the asynUser has from its drvInfo. NULL with the message in
- * errorMessage when there is none, or the interface does not fit. */
-plcAsynView *plcAsynViewOf(plcAsynPort *port, asynUser *user, plcAsynFace face);
-
-/* During iocInit: waits for the first block of the PLC, for an output with a read-back
- * that wants its initial value. All waits of all ports together last initialWait at most.
- */
-void plcAsynWaitFirst(plcAsynPort *port, const plcAsynView *view);
-
 /* For each IOC of this process: it begins. Threads start, hooks are registered. */
 void plcAsynPortsBegin(void);
 
 /* Lines for dbior. */
 void plcAsynPortsReport(FILE *file);
 
-/* The last thing that the thread of a port does. */
-void plcAsynThreadEnds(plcAsynPort *port);
+/* --- plcAsynDrvUser.c: drvInfo --------------------------------------------------- */
+
+/* Registers the interface with asyn. Returns 0 or -1. */
+int plcAsynDrvUserRegister(plcAsynPort *port);
+
+/* The view of the place that the asynUser has from its drvInfo. NULL with the message in
+ * errorMessage when there is none, or the interface does not fit. */
+plcAsynView *plcAsynViewOf(plcAsynPort *port, asynUser *user, plcAsynFace face);
+
+/* Sets status, alarm and reason of an asynUser. Returns the status. */
+asynStatus plcAsynFail(asynUser *user, asynStatus status, int alarm, const char *format,
+                       ...) EPICS_PRINTF_STYLE(4, 5);
+
+/* --- plcAsynFirst.c: iocInit waits for first blocks ------------------------------ */
+
+/* During iocInit: waits for the first block of the PLC, for an output with a read-back
+ * that wants its initial value. All waits of all ports together last initialWait at most.
+ */
+void plcAsynWaitFirst(plcAsynPort *port, const plcAsynView *view);
 
 /* Word from the station's thread: a block came, before iocInit was over. */
 void plcAsynFirst(void);
+
+/* An IOC begins / all waits together last so long at most, ms; of several the longest; 0: none. */
+void plcAsynFirstBegin(void);
+void plcAsynFirstAtMost(double ms);
 
 /* --- plcAsynIo.c: reads and writes, in the caller's thread ----------------------- */
 
 /* Registers the interfaces with asyn. Returns 0 or -1. */
 int plcAsynIoRegister(plcAsynPort *port);
 
-/* Calls the user back with the value of these bytes. */
-void plcAsynCall(plcAsynUser *user, const void *bytes);
-
-/* Sets status, alarm and reason of an asynUser. Returns the status. */
-asynStatus plcAsynFail(asynUser *user, asynStatus status, int alarm, const char *format,
-                       ...) EPICS_PRINTF_STYLE(4, 5);
-
 /* --- plcAsynPass.c: callbacks ---------------------------------------------------- */
 
-extern const plcListener plcAsynListener;
+extern const plcListener plcAsynListener; /* `gone` is of plcAsynPort.c */
 
 /* Nobody is called back any more: their IOC has ended, and the port's thread. */
 void plcAsynForgetUsers(plcAsynPort *port);
 
-/* The station goes: plcListener.gone. */
-void plcAsynGone(void *port);
-
 /* The thread of the port. */
-void plcAsynThread(void *port);
+void plcAsynThread(plcAsynPort *port);
 
 asynStatus plcAsynJoin(plcAsynPort *port, asynUser *user, plcAsynFace face,
                        epicsUInt32 mask, plcAsynCallback callback, void *userPvt,
