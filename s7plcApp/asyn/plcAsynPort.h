@@ -35,6 +35,8 @@
 #define HAVE_ASYN_INT64
 #endif
 
+struct plcAsynUser;
+
 typedef struct plcAsynPort {
     ELLNODE node;
     char *name;

@@ -181,14 +181,14 @@ int eipWorkerAskMany(eipWorker *w, unsigned count, int always,
         w->limits.multiple = 1;
         w->noMultiple = 1;
         eipWorkerNote(w, "the PLC takes one service in a message only");
-        eipReadsReplan(w);
+        eipPlansRenew(w);
         return 0; /* all of it comes again */
     }
     if (w->limits.room > 200) { /* too much for this PLC: less the next time */
         w->limits.room -= w->limits.room / 4;
         eipWorkerNote(w, "the PLC refuses %u services in a message: %u bytes from now on",
                       count, w->limits.room);
-        eipReadsReplan(w);
+        eipPlansRenew(w);
         return 0;
     }
     for (i = 0; i < count; i++)

@@ -148,7 +148,7 @@ static void taught(eipWorker *w)
     w->turn = NULL;
     eipUnitsMake(&w->tags);
     epicsMutexUnlock(w->tagsLock);
-    eipReadsReplan(w);
+    eipPlansRenew(w);
     w->replan = 0;
     w->taught = 1;
     if (w->browser.stage == eipBrowseNot && w->noBrowse < isSure)

@@ -17,23 +17,6 @@ enum {
 
 /* --- Plans ------------------------------------------------------------------------------------ */
 
-static void freePlans(eipWorker *w)
-{
-    unsigned i;
-
-    for (i = 0; i < w->planCount; i++) {
-        free(w->plans[i].units);
-        free(w->plans[i].ends);
-    }
-    w->planCount = w->planNext = 0;
-    w->turn = NULL;
-}
-
-void eipReadsFree(eipWorker *w)
-{
-    freePlans(w);
-}
-
 static unsigned classOf(const eipWorker *w, unsigned period)
 {
     unsigned i, best = 0;
@@ -49,51 +32,11 @@ static unsigned classOf(const eipWorker *w, unsigned period)
     return best;
 }
 
-static int hasClass(const eipWorker *w, unsigned period)
-{
-    unsigned i;
-
-    for (i = 0; i < w->classCount; i++)
-        if (w->classes[i].period == period)
-            return 1;
-    return 0;
-}
-
-/* The periods that units have; times of those that were there before stay. */
-static void makeClasses(eipWorker *w)
-{
-    eipClass old[eipClassesMax];
-    unsigned oldCount = w->classCount, i, k;
-
-    memcpy(old, w->classes, sizeof(old));
-    epicsMutexMustLock(w->lock);
-    w->classCount = 0;
-    for (i = 0; i < w->tags.unitCount; i++) {
-        unsigned period = w->tags.units[i].period;
-
-        if (w->classCount == eipClassesMax || hasClass(w, period))
-            continue;
-        memset(&w->classes[w->classCount], 0, sizeof(w->classes[0]));
-        w->classes[w->classCount].period = period;
-        for (k = 0; k < oldCount; k++)
-            if (old[k].period == period)
-                w->classes[w->classCount] = old[k];
-        w->classes[w->classCount++].times.period = period;
-    }
-    epicsMutexUnlock(w->lock);
-}
-
-void eipReadsReplan(eipWorker *w)
-{
-    freePlans(w);
-    makeClasses(w);
-}
-
 void eipReadsBegin(eipWorker *w)
 {
     unsigned i;
 
-    freePlans(w);
+    eipPlansFree(w);
     w->firstTurn = 1;
     w->stored = 0;
     w->published = 0;
@@ -239,7 +182,7 @@ static void endTurn(eipWorker *w)
     if (w->unknownRefusals >= lostTags) {
         eipWorkerNote(w, "%u tags are unknown at once: all are learned anew",
                       w->unknownRefusals);
-        eipLearnBegin(w);
+        w->relearn = 1;
     }
     w->unknownRefusals = 0;
 }
@@ -506,7 +449,7 @@ int eipReadsStep(eipWorker *w, epicsUInt64 now, epicsUInt64 *next)
 
         endTurn(w);
         if (again) {
-            eipReadsReplan(w);
+            eipPlansRenew(w);
             w->replan = 0;
             for (i = 0; i < w->classCount; i++)
                 w->classes[i].due = 0;

@@ -1,5 +1,4 @@
 /* The thread of one PLC: mailbox, session, and what is due next; see eipWorker.h. */
-#include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -94,7 +93,7 @@ void eipWorkerDestroy(eipWorker *w)
     eipWorkerEnd(w);
     freeWants(w);
     eipBrowseEnd(w);
-    eipReadsFree(w);
+    eipPlansFree(w);
     eipTagsFree(&w->tags);
     eipSocketFree(&w->socket);
     free(w->inNews);
@@ -275,74 +274,6 @@ void eipWorkerEachTag(eipWorker *w, void (*visit)(const eipTag *tag, void *arg),
     epicsMutexUnlock(w->tagsLock);
 }
 
-/* --- What the worker tells ------------------------------------------------------------------ */
-
-int eipWorkerEnter(eipWorker *w)
-{
-    epicsMutexMustLock(w->lock);
-    if (w->on && w->running && w->generation == w->session)
-        return 1;
-    epicsMutexUnlock(w->lock);
-    return 0;
-}
-
-void eipWorkerTell(eipWorker *w)
-{
-    w->hasNews = 1;
-    epicsMutexUnlock(w->lock);
-    w->setup.wake(w->setup.arg);
-}
-
-void eipWorkerNote(eipWorker *w, const char *format, ...)
-{
-    va_list args;
-
-    if (!eipWorkerEnter(w))
-        return;
-    if (w->news.log[0]) {
-        w->moreLog++;
-    } else {
-        va_start(args, format);
-        epicsVsnprintf(w->news.log, sizeof(w->news.log), format, args);
-        va_end(args);
-    }
-    eipWorkerTell(w);
-}
-
-void eipWorkerReason(const eipAnswer *answer, char reason[PLC_REASON_SIZE])
-{
-    char text[64];
-
-    eipStatusText(answer->status, answer->extended, text, sizeof(text));
-    epicsSnprintf(reason, PLC_REASON_SIZE, "PLC: %.34s", text);
-}
-
-void eipWorkerBad(eipWorker *w, const eipWant *want, const char *reason)
-{
-    int changed = plcFaultsSet(w->setup.inFaults, want->place, want->room, NULL, reason);
-
-    if (w->in[want->place] || w->in[want->place + 1]) {
-        memset(w->in + want->place, 0, 2); /* no type: no value */
-        changed = 1;
-    }
-    if (!changed)
-        return;
-    w->stored = 1;
-    if (eipWorkerEnter(w)) {
-        w->news.inFaults = 1;
-        w->hasNews = 1;
-        epicsMutexUnlock(w->lock);
-    }
-}
-
-void eipWorkerTagBad(eipWorker *w, const eipTag *tag, const char *reason)
-{
-    unsigned i;
-
-    for (i = 0; i < tag->wants; i++)
-        eipWorkerBad(w, &w->tags.wants[tag->from + i], reason);
-}
-
 /* --- The session ----------------------------------------------------------------------------- */
 
 /* Takes over a connection, if there is a new one. */
@@ -510,6 +441,16 @@ static int keepAlive(eipWorker *w, epicsUInt64 now, epicsUInt64 *next)
     return eipWorkerAsk(w, &m, &answer) ? -1 : 1;
 }
 
+static int readsStep(eipWorker *w, epicsUInt64 now, epicsUInt64 *next)
+{
+    int status = eipReadsStep(w, now, next);
+
+    if (w->relearn)
+        eipLearnBegin(w);
+    w->relearn = 0;
+    return status;
+}
+
 /* Does what is due first: one message, after all that is to be written. Returns when to go on,
  * ns; 0: at once. */
 static epicsUInt64 step(eipWorker *w)
@@ -532,7 +473,7 @@ static epicsUInt64 step(eipWorker *w)
         status = eipBrowseStep(w, now, &next);
     w->turnEnded = 0;
     if (!status)
-        status = eipReadsStep(w, now, &next);
+        status = readsStep(w, now, &next);
     if (!status)
         status = eipBrowseStep(w, now, &next);
     if (!status)

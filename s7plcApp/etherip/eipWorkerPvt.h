@@ -1,4 +1,5 @@
-/* Inside of the worker of a PLC; only for eipWorker.c, eipAsk.c, eipLearn.c, eipReads.c and eipWrites.c.
+/* Inside of the worker of a PLC; only for the files below, each of which calls only
+ * those before it, and eipWorker.c, which calls them all.
  *
  * Locking. What goes between the worker and others is under `lock`, which is held to copy, never
  * during a system call. Each start and stop makes a new generation: the worker gives nothing
@@ -135,11 +136,12 @@ struct eipWorker {
     epicsUInt8 program[64];
     size_t programLength;
     char noFit[PLC_REASON_SIZE]; /* a reason that is given on at once */
+    int relearn;                 /* all tags are to be learned anew */
     unsigned unknownRefusals;    /* tags that were known and are not any more, in a turn */
     eipBrowser browser;
 };
 
-/* --- eipWorker.c -------------------------------------------------------------------------- */
+/* --- eipTell.c ---------------------------------------------------------------------------- */
 
 /* Locks, if the session is still the one that counts. Returns 0 when it is not. */
 int eipWorkerEnter(eipWorker *w);
@@ -147,6 +149,21 @@ int eipWorkerEnter(eipWorker *w);
 void eipWorkerTell(eipWorker *w);
 /* A line for the log; the lock is not held. */
 void eipWorkerNote(eipWorker *w, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
+
+/* "PLC: no such tag (05)" */
+void eipWorkerReason(const eipAnswer *answer, char reason[PLC_REASON_SIZE]);
+
+/* The place of a wish has no value, for this reason. */
+void eipWorkerBad(eipWorker *w, const eipWant *want, const char *reason);
+/* The wishes of a tag. */
+void eipWorkerTagBad(eipWorker *w, const eipTag *tag, const char *reason);
+
+/* --- eipPeriods.c ------------------------------------------------------------------------- */
+
+/* The plans are no good any more, nor is a turn that runs. */
+void eipPlansFree(eipWorker *w);
+/* Units were made anew, or the limits are others. */
+void eipPlansRenew(eipWorker *w);
 
 /* --- eipAsk.c ------------------------------------------------------------------------------ */
 
@@ -173,14 +190,6 @@ int eipWorkerAskMany(eipWorker *w, unsigned count, int always,
                                   void *arg),
                      void *arg);
 
-/* "PLC: no such tag (05)" */
-void eipWorkerReason(const eipAnswer *answer, char reason[PLC_REASON_SIZE]);
-
-/* The place of a wish has no value, for this reason. */
-void eipWorkerBad(eipWorker *w, const eipWant *want, const char *reason);
-/* The wishes of a tag. */
-void eipWorkerTagBad(eipWorker *w, const eipTag *tag, const char *reason);
-
 /* --- eipLearn.c --------------------------------------------------------------------------- */
 
 /* All tags of a new session, or of a new program, are to be learned. */
@@ -195,10 +204,7 @@ void eipBrowseEnd(eipWorker *w);
 /* --- eipReads.c --------------------------------------------------------------------------- */
 
 void eipReadsBegin(eipWorker *w);
-/* Units were made anew, or the limits are others. */
-void eipReadsReplan(eipWorker *w);
 int eipReadsStep(eipWorker *w, epicsUInt64 now, epicsUInt64 *next);
-void eipReadsFree(eipWorker *w);
 
 /* Reads a unit by itself, in as many parts as it takes. `from` bytes of it are in w->assembly
  * already. Returns 0 with *answer (the last one; data in w->assembly, *length) or -1. */
