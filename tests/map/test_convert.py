@@ -53,6 +53,33 @@ def test_error_names_the_cell(tmp_path, tank):
     assert "tank.xlsx [map] C11: type: unknown type" in edited(tmp_path, tank, change).err
 
 
+def test_what_else_is_there_stays(tmp_path, tank):
+    """place and import change their cells of a workbook; other sheets, notes, formulas stay"""
+    book = tmp_path / "tank.xlsx"
+    plcmap("convert", tank, book)
+    work = openpyxl.load_workbook(book)
+    work.create_sheet("My notes")["B2"] = "=1+1"
+    tab = work["map"]
+    tab["I3"].comment = openpyxl.comments.Comment("ask Anna", "me")
+    tab.column_dimensions["A"].width = 55
+    tab["E13"] = None
+    work["types"].insert_rows(1, 2)  # blank rows above the header
+    tab.cell(24, 1, "Late")  # behind blank rows
+    tab.cell(24, 3, "INT")
+    work.save(book)
+    result = plcmap("place", book)
+    assert result.status == 0 and "[map] E13: Tank.Count tx at 60" in result.out, result.err
+    (tmp_path / "x.asc").write_bytes(b"126," + b"Extra".ljust(24) + b"MW     20".ljust(12) +
+                                     b"INT".ljust(90) + b"\r\n")
+    assert plcmap("import", tmp_path / "x.asc", "--into", book).status == 0
+    work = openpyxl.load_workbook(book)
+    assert work["My notes"]["B2"].value == "=1+1"
+    tab = work["map"]
+    assert tab["I3"].comment.text == "ask Anna" and tab.column_dimensions["A"].width == 55
+    assert tab["E13"].value == "60" and tab["E24"].value and tab["A25"].value == "Extra"
+    assert plcmap("place", book).status == 0 and plcmap("check", book).status == 0
+
+
 def test_date(tmp_path, tank):
     """A date where 1.2 was typed is told with its cell"""
     import datetime

@@ -42,8 +42,11 @@ def save(map_, path=None):
     path = path or map_.path
     sheets = [map_.sheets[n] for n in columns.SHEETS if n in map_.sheets]
     if is_workbook(path):
-        from .workbook import write_sheets
-        write_sheets(path, sheets, columns.choices())
+        from .workbook import update_sheets, write_sheets
+        if os.path.exists(path) and any(s.file == path and s.read for s in sheets):
+            update_sheets(path, sheets)
+        else:
+            write_sheets(path, sheets, columns.choices())
         return [path]
     if os.path.isfile(path):
         path = os.path.dirname(path) or "."

@@ -140,7 +140,7 @@ class Map:
         allowed = columns.SHEETS[name]
         for number_, column in enumerate(sheet.header, 1):
             if column and not column.startswith("#") and column not in allowed:
-                self.report.error(Place(sheet.file, 1, number_, sheet.tab), None,
+                self.report.error(Place(sheet.file, sheet.line, number_, sheet.tab), None,
                                   'unknown column "%s"%s; allowed: %s, and #notes'
                                   % (column, nearest(column, allowed), " ".join(allowed)))
         needed = {"plc": ["key", "value"], "map": ["symbol", "type"],

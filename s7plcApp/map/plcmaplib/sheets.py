@@ -42,13 +42,17 @@ class Sheet:
         self.rows = []
         self.delimiter = delimiter
         self.encoding = encoding
+        self.line = 1   # of the header
+        self.read = {}  # line -> cells, as they were read: what else is in a workbook stays
 
     def place(self, column=None):
         number = self.header.index(column) + 1 if column in self.header else None
-        return Place(self.file, 1, number, self.tab)
+        return Place(self.file, self.line, number, self.tab)
 
     def append(self, cells, line=None):
-        row = Row(self, line if line is not None else len(self.rows) + 2, cells)
+        if line is None:
+            line = max((r.line for r in self.rows), default=self.line) + 1
+        row = Row(self, line, cells)
         self.rows.append(row)
         return row
 
@@ -143,8 +147,14 @@ def read_csv(path, name, report, encoding=None):
     rows = csv_rows(text, delimiter, path)
     while rows and not any(clean(c) for c in rows[0][1]):
         rows.pop(0)
-    header = [clean(c) for c in rows[0][1]] if rows else []
-    return _fill(Sheet(name, path, header, None, delimiter, used), rows[1:], report)
+    return _fill(_headed(Sheet(name, path, [], None, delimiter, used), rows), rows[1:], report)
+
+
+def _headed(sheet, rows):
+    """The sheet with the header of the first row."""
+    if rows:
+        sheet.line, sheet.header = rows[0][0], [clean(c) for c in rows[0][1]]
+    return sheet
 
 
 def _fill(sheet, rows, report):
@@ -154,10 +164,10 @@ def _fill(sheet, rows, report):
         sheet.header.pop()
     for number, column in enumerate(sheet.header, 1):
         if column and column in sheet.header[:number - 1]:
-            report.error(Place(sheet.file, 1, number, sheet.tab), None,
+            report.error(Place(sheet.file, sheet.line, number, sheet.tab), None,
                          'the column "%s" is there twice' % column)
         elif not column and any(len(r) >= number and clean(r[number - 1]) for _, r in rows):
-            report.error(Place(sheet.file, 1, number, sheet.tab), None,
+            report.error(Place(sheet.file, sheet.line, number, sheet.tab), None,
                          "the column has values but no name; notes need a name that begins "
                          "with #")
     for line, cells in rows:
@@ -168,7 +178,8 @@ def _fill(sheet, rows, report):
             if cell:
                 report.error(Place(sheet.file, line, number, sheet.tab), None,
                              '"%s" stands beyond the last column' % cell[:40])
-        sheet.append({c: v for c, v in zip(sheet.header, cells) if c and v}, line)
+        row = sheet.append({c: v for c, v in zip(sheet.header, cells) if c and v}, line)
+        sheet.read[line] = dict(row.cells)
     return sheet
 
 
@@ -176,8 +187,7 @@ def sheet_from_rows(name, path, tab, rows, report):
     """The same from rows of a workbook: [(line, [cells])]."""
     while rows and not any(clean(c) for c in rows[0][1]):
         rows.pop(0)
-    header = [clean(c) for c in rows[0][1]] if rows else []
-    return _fill(Sheet(name, path, header, tab), rows[1:], report)
+    return _fill(_headed(Sheet(name, path, [], tab), rows), rows[1:], report)
 
 
 def csv_text(sheet, delimiter=None):

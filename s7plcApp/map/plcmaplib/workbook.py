@@ -138,6 +138,44 @@ def write_sheets(path, sheets, choices):
                 rule.add("%s2:%s%d" % (letter, letter, max(len(sheet.rows) + 200, 1000)))
         tab.freeze_panes = "B2"
     book.properties.created = book.properties.modified = datetime.datetime(2000, 1, 1)
+    _save(book, path)
+
+
+def update_sheets(path, sheets):
+    """Writes what has changed into the workbook that the sheets were read from. Everything else
+    in it stays: other sheets, notes, widths, formulas."""
+    book = _load(path, keep_vba=path.lower().endswith(".xlsm"))
+    for sheet in sheets:
+        if sheet.tab is None or sheet.tab not in book.sheetnames:
+            if not sheet.rows:
+                continue
+            tab = book.create_sheet(sheet.name)
+            sheet.read, sheet.line = {}, 1
+        else:
+            tab = book[sheet.tab]
+        for number, column in enumerate(sheet.header, 1):
+            _put(tab, sheet.line, number, column)
+        lines = {row.line: row for row in sheet.rows}
+        for line in sorted(set(lines) | set(sheet.read)):
+            old = sheet.read.get(line, {})
+            for number, column in enumerate(sheet.header, 1):
+                value = lines[line].get(column) if line in lines else ""
+                if column and value != old.get(column, ""):
+                    _put(tab, line, number, value)
+    _save(book, path)
+
+
+def _put(tab, line, number, value):
+    """A cell as text; what is the same stays."""
+    cell = tab.cell(line, number)
+    if (cell.value or "") != value:
+        cell.value = value or None
+        cell.number_format = "@"
+        if value:
+            cell.data_type = "s"
+
+
+def _save(book, path):
     try:
         book.save(path)
     except OSError as e:
