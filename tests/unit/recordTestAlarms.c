@@ -435,11 +435,11 @@ static void testOff(void)
     iocEnd();
 }
 
-static plcStation *makeConnected(unsigned short port)
+static plcStation *makeConnected(const char *name, unsigned short port)
 {
     plcStationConfig config = {0};
 
-    config.name = "P";
+    config.name = name;
     config.address[0] = "127.0.0.1";
     config.address[1] = "";
     config.port = port;
@@ -460,7 +460,7 @@ static void testConnection(void)
     char address[40];
 
     iocBegin();
-    makeConnected(port);
+    makeConnected("P", port);
     makeRecord("bi", "Stat", "INP=@P|DTYP=S7plc stat|SCAN=I/O Intr");
     makeRecord("stringout", "Addr", "OUT=@P|DTYP=S7plc addr");
     makeRecord("ai", "In", "INP=@P/0|SCAN=I/O Intr");
@@ -509,9 +509,84 @@ static void testConnection(void)
     iocEnd();
 }
 
+/* --- A record that holds up the threads of several PLCs ------------------------------------ */
+
+static int reportHas(plcStation *s, const char *text)
+{
+    char report[4000];
+    FILE *file = tmpfile();
+    size_t length;
+
+    plcStationReport(s, file, 1);
+    rewind(file);
+    length = fread(report, 1, sizeof(report) - 1, file);
+    report[length] = 0;
+    fclose(file);
+    return strstr(report, text) != NULL;
+}
+
+/* A block comes while somebody else has its record. Returns 1 when the thread waited. */
+static int holdUp(plcStation *s, const char *record, SOCKET plc)
+{
+    static const epicsUInt8 block[BLOCK];
+    dbCommon *prec = testdbRecordPtr(record);
+    int tries;
+
+    for (tries = 0; tries < 100; tries++) {
+        dbScanLock(prec);
+        send(plc, (const char *)block, BLOCK, 0);
+        epicsThreadSleep(0.04);
+        dbScanUnlock(prec);
+        if (reportHas(s, "in callback threads, since they held the PLC's own up for "))
+            return 1;
+    }
+    return 0;
+}
+
+static void testHeldUp(void)
+{
+    static const char *const names[] = {"P", "Q", "R"};
+    SOCKET server[COUNT(names)], plc[COUNT(names)];
+    plcStation *station[COUNT(names)];
+    const char *said = NULL;
+    unsigned short port;
+    unsigned i, held = 0;
+    char link[40];
+    int tries;
+
+    iocBegin();
+    for (i = 0; i < COUNT(names); i++) {
+        server[i] = listenLocal(&port);
+        station[i] = makeConnected(names[i], port);
+        epicsSnprintf(link, sizeof(link), "INP=@%s/0|SCAN=I/O Intr", names[i]);
+        makeRecord("ai", names[i], link);
+    }
+    iocRunOk();
+    for (i = 0; i < COUNT(names); i++)
+        plc[i] = epicsSocketAccept(server[i], NULL, NULL);
+    testOk(!reportHas(station[0], "callback threads"), "no record has held up a PLC so far");
+    messages();
+    for (i = 0; i < COUNT(names); i++)
+        held += holdUp(station[i], names[i], plc[i]);
+    testOk(held == COUNT(names), "records hold up %u PLCs: the report says so for each", held);
+    for (tries = 0; !said && tries < 20000; tries++) {
+        said = strstr(messages(), "thread waited for them");
+        if (!said)
+            epicsThreadSleep(0.001);
+    }
+    testOk(said && !strstr(said + 1, "thread waited for them"), "the log does for one of them");
+    for (i = 0; i < COUNT(names); i++) {
+        epicsSocketDestroy(server[i]);
+        epicsSocketDestroy(plc[i]);
+    }
+    iocEnd();
+}
+
 MAIN(recordTestAlarms)
 {
-    testPlan((int)(IN_TESTS * COUNT(inputs) + 6 + 6 * COUNT(outputs) + 11 + 7 + 17 + 13));
+    testPlan((int)(IN_TESTS * COUNT(inputs) + 6 + 6 * COUNT(outputs) + 11 + 7 + 17 + 13 +
+                   3));
+    testHeldUp(); /* first: what else holds a thread up may be said as well */
     testInputs();
     testTimes();
     testOutputs();

@@ -114,8 +114,12 @@ void plcStationReport(plcStation *s, FILE *file, int level)
         transportLines(s, file);
     plcStationOptionsText(s, text, sizeof(text));
     fprintf(file, "    options: %s\n", text[0] ? text : "all default");
-    fprintf(file, "    I/O Intr records: %u in, %u out\n", plcScanCount(s->inScan),
+    fprintf(file, "    I/O Intr records: %u in, %u out", plcScanCount(s->inScan),
             plcScanCount(s->outScan));
+    if (plcScanHeld(s->inScan) > 0)
+        fprintf(file, "; in callback threads, since they held the PLC's own up for %.0f ms",
+                plcScanHeld(s->inScan));
+    fprintf(file, "\n");
     if (plcStationHeader(s))
         syncLine(&st, file);
     if (st.mapState)

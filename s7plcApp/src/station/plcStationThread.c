@@ -28,6 +28,9 @@
 #define LOOK_MS 1
 #define LOOK_MAX_MS 16
 
+/* Records that hold up threads of PLCs are in the log once in so many seconds. */
+#define HELD_AGAIN_S 60
+
 /* --- Output
  * -----------------------------------------------------------------------------*/
 
@@ -240,15 +243,28 @@ static void chooseScanThread(plcStation *s)
     plcScanHere(s->inScan, s->now.scanThread == plcPassOwn && !hasDuty(s));
 }
 
-/* A record made this thread wait. Says so once. */
-static void heldUp(plcStation *s)
+/* True for the first PLC that asks; for others not before a minute is over: where the machine
+ * stood still, it stood still for all. */
+static int firstToSay(epicsUInt64 now)
+{
+    static size_t next; /* s, monotonic; atomic */
+    size_t before = epicsAtomicGetSizeT(&next), seconds = (size_t)(now / 1000000000u);
+
+    return seconds >= before &&
+           epicsAtomicCmpAndSwapSizeT(&next, before, seconds + HELD_AGAIN_S) == before;
+}
+
+/* A record made this thread wait. Says so once; s7plcReport does for each PLC. */
+static void heldUp(plcStation *s, epicsUInt64 now)
 {
     double ms = s->heldTold ? 0 : plcScanHeld(s->inScan);
-    char text[160];
+    char text[200];
 
     if (!(ms > 0))
         return;
     s->heldTold = 1;
+    if (!firstToSay(now))
+        return;
     epicsSnprintf(text, sizeof(text),
                   "records that process by I/O Intr took %.0f ms, and the PLC's own thread "
                   "waited for them: callback threads process them from now on",
@@ -415,7 +431,7 @@ PLC_HOT void plcStationThread(plcStation *s)
         outputStep(s, now, &wake);
         outScanStep(s, now, &wake);
         statsStep(s, now, &wake);
-        heldUp(s);
+        heldUp(s, now);
         if (s->policyWake)
             plcEarlier(&wake, s->policyWake);
         waitFor(s, wake);
