@@ -4,6 +4,7 @@ import os
 import re
 import struct
 import subprocess
+import xml.etree.ElementTree as xml
 
 import pytest
 
@@ -127,6 +128,30 @@ def test_commands(run, text):
     log = run(configures(used - made) + "\n".join(
         c for c in lines if not c.startswith(("dbLoadDatabase", "dbLoadRecords"))), program)
     assert "all of it was run" in log, log
+
+
+# --- PLC files and displays ------------------------------------------------------------------
+
+def is_plc(text):
+    return re.search(r"^(signal|tx|rx|mirror|role|tag) ", text, re.MULTILINE) \
+        and not text.startswith("layout ") and not is_database(text)
+
+
+@pytest.mark.parametrize("text", those(is_plc))
+def test_plc(tmp_path, text):
+    """plcSim finds nothing wrong in the PLC file {id}"""
+    file = tmp_path / "my.plc"
+    file.write_text(text if re.search(r"^(in|port|role) ", text, re.MULTILINE)
+                    else f"in = 256\nout = 256\n{text}")
+    ended = subprocess.run([TOP / "bin" / ARCH / "plcSim", "--check", file], text=True,
+                           capture_output=True, timeout=60)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+
+
+@pytest.mark.parametrize("text", those(lambda text: text.startswith(("<?xml", "<config"))))
+def test_xml(text):
+    """{id} is well-formed XML"""
+    xml.fromstring(text.encode())
 
 
 # --- README: your own PLC in ten lines ---------------------------------------------------------
