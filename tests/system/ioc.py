@@ -161,7 +161,12 @@ class Ioc:
 
     def get(self, name, **kw):
         """The value now, asked from the IOC."""
-        value = self.pv(name).get(use_monitor=False, timeout=LIMIT, **kw)
+        pv = self.pv(name)
+        try:
+            value = pv.get(use_monitor=False, timeout=LIMIT, **kw)
+        except epics.ca.ChannelAccessGetFailure:  # a channel that CA itself lost for a moment
+            assert pv.wait_for_connection(LIMIT), f"no PV {self.P + name}\n{self.log}"
+            value = pv.get(use_monitor=False, timeout=LIMIT, **kw)
         assert value is not None, f"caget {name} got no answer"
         return value
 

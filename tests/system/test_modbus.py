@@ -318,9 +318,10 @@ def test_number_of_requests(new_modbus, new_ioc):
         peer.holding[400 * i], peer.holding[400 * i + 249] = i + 1, 100 + i
     log = peer.wait_requests(20 * 16, 0)
     wanted = {(3, 400 * i + start, 125) for i in range(8) for start in (0, 125)}
-    for turn in range(len(log) // 16):
-        assert {r.key for r in log[16 * turn:16 * turn + 16]} == wanted, f"turn {turn}"
-    # how often, not how punctual: no turn is made twice
+    # how often, not how punctual: a machine that is late begins a turn before the one before ends
+    counts = {key: sum(r.key == key for r in log) for key in wanted}
+    assert sum(counts.values()) == len(log), {r.key for r in log} - wanted
+    assert max(counts.values()) - min(counts.values()) <= 3, counts
     seconds = log[-1].time - log[0].time
     assert len(log) // 16 <= seconds / 0.1 + 3
     for i in range(8):
