@@ -552,11 +552,27 @@ void devEipShown(const devRecord *dev, const epicsUInt8 *bytes, eipNumber *numbe
     memcpy(&number->u, &bits, sizeof(bits));
 }
 
+/* The PLC does not show this place: there is nothing to follow. */
+static long notShown(dbCommon *prec, devRecord *dev)
+{
+    plcFaults *faults = plcStationInFaults(dev->station);
+    char reason[PLC_REASON_SIZE];
+
+    dev->following = 0;
+    prec->udf = TRUE;
+    if (!faults || !plcFaultsFind(faults, eipOf(dev)->at, eipOf(dev)->room, NULL, reason))
+        return noValue(prec);
+    recGblSetSevrMsg(prec, READ_ALARM, INVALID_ALARM, "%s", reason);
+    return -1;
+}
+
 /* FORCE: what the PLC shows is no reason to follow, once the record has a value of its own. */
 long devEipWrite(dbCommon *prec)
 {
     devRecord *dev = prec->dpvt;
 
+    if (dev && dev->station && dev->following && !devEipType(dev))
+        return notShown(prec, dev);
     if (dev && dev->station && dev->following && eipOf(dev)->force &&
         eipOf(dev)->forced) {
         long status;

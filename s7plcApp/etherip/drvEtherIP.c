@@ -64,8 +64,12 @@ static void setTimeouts(eipPlc *plc)
 static int routeOf(const char *command, const char *name, const char *text, eipRoute *route)
 {
     char whole[100], error[200];
+    epicsUInt32 slot;
 
-    if (strchr(text, ',') || strcmp(text, "-1") == 0)
+    if (!strchr(text, ',') && strcmp(text, "-1") &&
+        (epicsParseUInt32(text, &slot, 10, NULL) || slot > 255 || strchr(text, '-')))
+        strcpy(whole, ","); /* refused below */
+    else if (strchr(text, ',') || strcmp(text, "-1") == 0)
         epicsSnprintf(whole, sizeof(whole), "%s", text);
     else
         epicsSnprintf(whole, sizeof(whole), "1,%s", text);

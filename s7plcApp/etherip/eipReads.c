@@ -189,6 +189,19 @@ static void endTurn(eipWorker *w)
 
 /* --- Answers ---------------------------------------------------------------------------------- */
 
+/* A place has a value, for the first time or again: outputs that had none follow it. */
+static void good(eipWorker *w, const eipWant *want)
+{
+    int changed = plcFaultsClear(w->setup.inFaults, want->place, want->room, NULL);
+
+    if (!eipWorkerEnter(w))
+        return;
+    w->news.inFaults |= changed;
+    w->news.outFaults = 1;
+    w->hasNews = 1;
+    epicsMutexUnlock(w->lock);
+}
+
 static void storeUnit(eipWorker *w, eipUnit *u, const eipData *data)
 {
     const eipTags *t = &w->tags;
@@ -203,12 +216,8 @@ static void storeUnit(eipWorker *w, eipUnit *u, const eipData *data)
         why = eipPieceStore(t, p, data->bytes, data->length, w->in);
         if (why)
             eipWorkerBad(w, want, why);
-        else if (wasBad && plcFaultsClear(w->setup.inFaults, want->place, want->room, NULL) &&
-                 eipWorkerEnter(w)) {
-            w->news.inFaults = 1;
-            w->hasNews = 1;
-            epicsMutexUnlock(w->lock);
-        }
+        else if (wasBad)
+            good(w, want);
     }
     w->stored = 1;
     if (u->refused) {

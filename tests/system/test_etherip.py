@@ -318,13 +318,22 @@ def test_nobody_is_hurt(plant):
 def test_retry(plant):
     """A tag that comes into being is found, by a new program at once"""
     plant.tags("tag A DINT = 1")
-    plant.records(rec("longin", "a", "A S 0.05"), rec("longin", "b", "B S 0.05"))
+    plant.records(rec("longin", "a", "A S 0.05"), rec("longin", "b", "B S 0.05"),
+                  rec("longout", "c", "C S 0.05"))
     plant.ioc.wait_value("a", 1)
+    plant.ioc.wait_alarm("c", "INVALID", "READ", "no such tag")
+    plant.ioc.put("c", 4)
+    plant.ioc.wait_alarm("c", "INVALID", "WRITE", "no such tag")
     plant.ioc.wait_alarm("b", "INVALID", "READ", "no such tag")
     plant.sim.command("etherip tag B DINT = 8")
+    plant.sim.command("etherip tag C DINT")
     plant.sim.command("etherip download")
     plant.ioc.wait_value("b", 8)
     assert plant.ioc.severity("b") == "NO_ALARM"
+    plant.ioc.wait_value("c", 0)
+    plant.ioc.put("c", 5)
+    assert plant.tag("C") == "5"
+    assert plant.ioc.severity("c") == "NO_ALARM"
 
 
 def test_download(plant):
@@ -465,10 +474,14 @@ def test_away(plant):
     plant.sim.command("etherip refuse on")
     plant.sim.command("etherip close")
     plant.ioc.wait_alarm("a", "INVALID", "COMM")
+    plant.ioc.put("b", 9)
+    assert plant.ioc.alarm("b")[:2] == ("INVALID", "COMM")
     plant.set("A", 2)
     plant.sim.command("etherip refuse off")
     plant.ioc.wait_value("a", 2)
     until(lambda: plant.ioc.severity("a") == "NO_ALARM")
+    until(lambda: plant.ioc.severity("b") == "NO_ALARM")
+    assert str(plant.ioc.get("b")) == plant.tag("B") == "3"  # the PLC's value comes first
     plant.ioc.put("b", 4)
     plant.wait_tag("B", "4")
 
@@ -582,6 +595,21 @@ def test_bad_links(plant):
         assert plant.ioc.alarm(f"bad{n}")[:2] == ("INVALID", "LINK")
         line = next(line for line in plant.ioc.log.splitlines() if f'bad{n}"' in line)
         assert words in line
+
+
+def test_wrong_definitions(plant):
+    """A wrong argument of a definition is one line, and no PLC"""
+    plant.tags("tag A DINT")
+    plant.records(rec("longin", "a", "A S 0.05"))
+    for line, words in [('drvEtherIP_define_PLC("Q", "127.0.0.1", 300)', "allowed: 0 to 255"),
+                        ('drvEtherIP_define_PLC("Q", "127.0.0.1", x)', "allowed: 0 to 255"),
+                        ('drvEtherIP_define_PLC("Q", "127.0.0.1:99999", 0)', "allowed: 1 to 65535"),
+                        ('drvEtherIP_define_PLC("Q", "a b", 0)', "allowed: host name"),
+                        ('drvEtherIP_define_PLC', "PLCname is missing"),
+                        ('etheripConfigure("Q", "127.0.0.1", "1,0,")', "allowed: 0 to 255"),
+                        ('etheripConfigure("Q", "127.0.0.1", 0, "image=1")', "allowed: image=64")]:
+        assert words in plant.ioc.command(line), line
+    assert "Q" not in plant.ioc.command("drvEtherIP_report 0")
 
 
 def test_plctag_writes(plant):
