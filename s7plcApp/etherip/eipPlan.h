@@ -47,8 +47,6 @@ typedef struct eipRun {
 unsigned eipRuns(const epicsUInt32 *first, const epicsUInt32 *length, unsigned count,
                  unsigned elementSize, epicsUInt32 most, eipRun *runs);
 
-/* Periods in ms that are due together: due times are multiples of the period. */
-
 /* When it is due next, ns: the first multiple of `period` ns behind `now`, counted from
  * `epoch`. */
 static inline epicsUInt64 eipNextDue(epicsUInt64 epoch, epicsUInt64 period, epicsUInt64 now)

@@ -15,8 +15,7 @@
 enum {
     takenMost = 500, /* puts that leave together */
     isSure = 2,
-    writeHead = 2 + 2 + 2, /* service, type, count */
-    valueRoom = 1 << 16
+    writeHead = 2 + 2 + 2 /* service, type, count */
 };
 
 typedef enum { itemElements, itemBits, itemText, itemArray } itemKind;
