@@ -8,6 +8,7 @@
 #include <testMain.h>
 
 #include "plcConnection.h"
+#include "plcFraming.h"
 #include "testTools.h"
 
 static const struct in_addr *loopback(void)
@@ -31,12 +32,39 @@ static short await(plcConnection *c)
     return poll(&p, 1, PATIENCE_S * 1000) > 0 ? p.revents : 0;
 }
 
+static plcFraming *framing; /* of the connection that is tested */
+
+static void begin(plcConnection *c, size_t inSize, size_t outSize)
+{
+    plcConnectionInit(c, outSize);
+    framing = plcFramingCreate(inSize);
+}
+
+static void end(plcConnection *c)
+{
+    plcConnectionFree(c);
+    plcFramingDestroy(framing);
+}
+
+static int receive(plcConnection *c, epicsUInt64 time)
+{
+    size_t room;
+    void *space = plcFramingSpace(framing, &room);
+    int got = plcConnectionReceive(c, space, room, time);
+
+    if (got > 0)
+        plcFramingAdd(framing, (size_t)got, time);
+    return got;
+}
+
 static int finish(plcConnection *c)
 {
     int status = 0;
 
     while (status == 0 && await(c))
         status = plcConnectionFinish(c, now());
+    if (status > 0)
+        plcFramingReset(framing);
     return status;
 }
 
@@ -45,7 +73,7 @@ static int connected(plcConnection *c, size_t inSize, size_t outSize)
 {
     int port = 0, listener = toolListen(&port), fd;
 
-    plcConnectionInit(c, inSize, outSize);
+    begin(c, inSize, outSize);
     if (plcConnectionOpen(c, *loopback(), htons((unsigned short)port), now()))
         testAbort("cannot connect");
     fd = toolAccept(listener);
@@ -60,7 +88,7 @@ static void testRefused(void)
     plcConnection c;
     int status;
 
-    plcConnectionInit(&c, 10, 10);
+    begin(&c, 10, 10);
     testOk(c.state == plcConnectionDown && plcConnectionEvents(&c) == 0 &&
                !plcConnectionIdle(&c),
            "not connected at first");
@@ -70,7 +98,7 @@ static void testRefused(void)
     testOk(status == -1 && c.state == plcConnectionDown && c.socket == INVALID_SOCKET &&
                strcmp(c.error, "connection refused by PLC") == 0,
            "refused: %s", c.error);
-    plcConnectionFree(&c);
+    end(&c);
 }
 
 static void testMade(void)
@@ -81,12 +109,12 @@ static void testMade(void)
     testOk(c.state == plcConnectionUp && c.error[0] == 0, "connected");
     testOk(plcConnectionIdle(&c) && plcConnectionEvents(&c) == POLLIN,
            "idle: it waits for input only");
-    testOk(plcConnectionReceive(&c, now()) == 0, "nothing there: 0 bytes, no error");
+    testOk(receive(&c, now()) == 0, "nothing there: 0 bytes, no error");
     plcConnectionClose(&c, "test is over", now());
     testOk(c.state == plcConnectionDown && strcmp(c.error, "test is over") == 0, "closed");
     testOk(toolClosed(fd), "and the peer sees it");
     toolClose(fd);
-    plcConnectionFree(&c);
+    end(&c);
 }
 
 static void testInput(void)
@@ -96,30 +124,30 @@ static void testInput(void)
 
     toolSend(fd, "ABCDEFGHIJ", 10);
     while (total < 10 && await(&c)) {
-        got = plcConnectionReceive(&c, now());
+        got = receive(&c, now());
         if (got < 0)
             break;
         total += got;
     }
-    testOk(total == 10 && plcFramingCount(c.framing) == 2 &&
-               memcmp(plcFramingNewest(c.framing), "EFGH", 4) == 0,
+    testOk(total == 10 && plcFramingCount(framing) == 2 &&
+               memcmp(plcFramingNewest(framing), "EFGH", 4) == 0,
            "ten bytes are two blocks of four, EFGH the newest");
-    plcFramingConsume(c.framing);
+    plcFramingConsume(framing);
     toolSend(fd, "KL", 2);
-    while (plcFramingCount(c.framing) == 0 && await(&c) && plcConnectionReceive(&c, now()) >= 0)
+    while (plcFramingCount(framing) == 0 && await(&c) && receive(&c, now()) >= 0)
         ;
-    testOk(plcFramingCount(c.framing) == 1 &&
-               memcmp(plcFramingNewest(c.framing), "IJKL", 4) == 0,
+    testOk(plcFramingCount(framing) == 1 &&
+               memcmp(plcFramingNewest(framing), "IJKL", 4) == 0,
            "the third block comes in two parts");
     toolSend(fd, "MNOP", 4);
     toolClose(fd);
-    plcFramingConsume(c.framing);
-    while (await(&c) && plcConnectionReceive(&c, now()) >= 0)
+    plcFramingConsume(framing);
+    while (await(&c) && receive(&c, now()) >= 0)
         ;
-    testOk(c.state == plcConnectionDown && plcFramingCount(c.framing) == 1 &&
+    testOk(c.state == plcConnectionDown && plcFramingCount(framing) == 1 &&
                strcmp(c.error, "connection closed by PLC") == 0,
            "closed by the PLC: the block before the end is there");
-    plcConnectionFree(&c);
+    end(&c);
 }
 
 static void testLasted(void)
@@ -130,10 +158,10 @@ static void testLasted(void)
 
     toolClose(fd);
     while (status >= 0 && await(&c))
-        status = plcConnectionReceive(&c, later);
+        status = receive(&c, later);
     testOk(status == -1 && c.since == later && c.lasted == 3000000000u,
            "closed by the PLC after 3 s: it is known how long the connection lasted");
-    plcConnectionFree(&c);
+    end(&c);
 }
 
 static void testReset(void)
@@ -143,11 +171,11 @@ static void testReset(void)
 
     toolReset(fd);
     while (status >= 0 && await(&c))
-        status = plcConnectionReceive(&c, now());
+        status = receive(&c, now());
     testOk(status == -1 && c.state == plcConnectionDown &&
                strcmp(c.error, "connection reset by PLC") == 0,
            "reset while receiving: %s", c.error);
-    plcConnectionFree(&c);
+    end(&c);
 
     fd = connected(&c, 4, 4);
     toolReset(fd);
@@ -159,7 +187,7 @@ static void testReset(void)
     testOk(status == -1 && c.state == plcConnectionDown &&
                strcmp(c.error, "connection reset by PLC") == 0,
            "reset while sending: %s (and no SIGPIPE)", c.error);
-    plcConnectionFree(&c);
+    end(&c);
 }
 
 /* More than the kernel takes at once, to a peer that does not read at first. */
@@ -196,7 +224,7 @@ static void testPartialSend(void)
     plcConnectionClose(&c, "given up", now());
     testOk(c.sent == c.outSize, "a half sent block is forgotten when the connection goes");
     toolClose(fd);
-    plcConnectionFree(&c);
+    end(&c);
     free(block);
     free(received);
 }
@@ -208,18 +236,18 @@ static void testAgain(void)
     plcConnection c;
     char block[4];
 
-    plcConnectionInit(&c, 4, 4);
+    begin(&c, 4, 4);
     for (round = 0; round < 3; round++) {
         plcConnectionOpen(&c, *loopback(), htons((unsigned short)port), now());
         fd = toolAccept(listener);
         finish(&c);
         toolSend(fd, "ABCDEF", 6);
-        while (plcFramingCount(c.framing) == 0 && await(&c) &&
-               plcConnectionReceive(&c, now()) >= 0)
+        while (plcFramingCount(framing) == 0 && await(&c) &&
+               receive(&c, now()) >= 0)
             ;
         memcpy(c.out, "WXYZ", 4);
         plcConnectionSend(&c, 1, now());
-        testOk(memcmp(plcFramingNewest(c.framing), "ABCD", 4) == 0 &&
+        testOk(memcmp(plcFramingNewest(framing), "ABCD", 4) == 0 &&
                    toolReceive(fd, block, 4) == 4 && memcmp(block, "WXYZ", 4) == 0,
                "connection %d carries whole blocks", round + 1);
         /* Opening anew closes the old one. */
@@ -230,7 +258,7 @@ static void testAgain(void)
         toolClose(fd);
     }
     toolClose(listener);
-    plcConnectionFree(&c);
+    end(&c);
 }
 
 MAIN(connectionTest)

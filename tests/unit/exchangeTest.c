@@ -8,6 +8,7 @@
 #include <testMain.h>
 
 #include "fakeTransport.h"
+#include "plcBlocks.h"
 #include "plcStation.h"
 #include "testTools.h"
 
@@ -23,7 +24,7 @@ static plcStation *start(int *listener)
 {
     int port = 0;
     char error[200];
-    plcStationConfig config = {.name = "PLC",
+    plcStationConfig config = {.reader = &plcBlocks, .name = "PLC",
                                .address = {"127.0.0.1", ""},
                                .inSize = 4,
                                .outSize = 16,
@@ -118,7 +119,7 @@ static void testMove(void)
 {
     int port[3] = {0, 0, 0}, listener[3], i, fd;
     char text[40], error[200];
-    plcStationConfig config = {.name = "PLC",
+    plcStationConfig config = {.reader = &plcBlocks, .name = "PLC",
                                .address = {"127.0.0.1", ""},
                                .inSize = 4,
                                .outSize = 4,

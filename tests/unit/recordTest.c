@@ -15,6 +15,7 @@
 #include <epicsUnitTest.h>
 #include <errlog.h>
 
+#include "plcBlocks.h"
 #include "recordTest.h"
 
 #define TEXT_MAX 4000
@@ -71,7 +72,7 @@ void iocEnd(void)
 
 plcStation *makeStation(const char *name, int bigEndian, size_t inSize, size_t outSize)
 {
-    plcStationConfig config = {0};
+    plcStationConfig config = {.reader = &plcBlocks};
 
     config.name = name;
     config.address[0] = config.address[1] = "";

@@ -15,6 +15,7 @@
 #include <osiSock.h>
 #include <testMain.h>
 
+#include "plcBlocks.h"
 #include "recordTest.h"
 
 #define BLOCK 64
@@ -437,7 +438,7 @@ static void testOff(void)
 
 static plcStation *makeConnected(const char *name, unsigned short port)
 {
-    plcStationConfig config = {0};
+    plcStationConfig config = {.reader = &plcBlocks};
 
     config.name = name;
     config.address[0] = "127.0.0.1";

@@ -8,6 +8,7 @@
 #include <epicsUnitTest.h>
 #include <testMain.h>
 
+#include "plcBlocks.h"
 #include "fakeTransport.h"
 #include "recordTest.h"
 #include "testTools.h"
@@ -16,7 +17,7 @@
 
 static plcStation *makeFake(int port)
 {
-    plcStationConfig config = {.name = "P",
+    plcStationConfig config = {.reader = &plcBlocks, .name = "P",
                                .address = {"127.0.0.1", ""},
                                .port = port,
                                .outSize = 4,

@@ -15,6 +15,7 @@
 #include <errlog.h>
 #include <testMain.h>
 
+#include "plcBlocks.h"
 #include "plcStation.h"
 #include "testTools.h"
 
@@ -24,7 +25,7 @@
 static plcStation *make(const char *name, const char *address, int port, size_t in,
                         size_t out, unsigned recvTimeout, unsigned sendInterval)
 {
-    plcStationConfig config = {.name = name,
+    plcStationConfig config = {.reader = &plcBlocks, .name = name,
                                .address = {address, ""},
                                .port = port,
                                .inSize = in,

@@ -25,6 +25,7 @@
 #include <errlog.h>
 #include <testMain.h>
 
+#include "plcBlocks.h"
 #include "plcStation.h"
 #include "simBlockServer.h"
 #include "simCommand.h"
@@ -199,7 +200,7 @@ static void option(const char *key, const char *value)
 static void iocStarts(void)
 {
     plcStationConfig config = {
-        .name = "PLC",
+        .reader = &plcBlocks, .name = "PLC",
         .address = {"127.0.0.1", ""},
         .port = port,
         .inSize = 24,

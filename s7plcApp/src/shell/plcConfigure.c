@@ -9,6 +9,7 @@
 #include <epicsStdlib.h>
 #include <errlog.h>
 
+#include "plcBlocks.h"
 #include "plcConfigure.h"
 #include "plcLink.h"
 #include "plcResolver.h"
@@ -151,7 +152,8 @@ plcStation *plcConfigure(const char *command, const char *const args[8],
 {
     const char *name = args[0], *address = args[1] ? args[1] : "", *error;
     char host[PLC_LINKS_MAX][PLC_NAME_MAX + 1];
-    plcStationConfig config = {.name = name, .policy = policy, .policyPvt = policyPvt};
+    plcStationConfig config = {.name = name, .policy = policy, .policyPvt = policyPvt,
+                               .reader = &plcBlocks};
     epicsInt32 value[6];
     int i;
 

@@ -114,10 +114,11 @@ static void setLine(plcStation *s, unsigned i, const plcStationConfig *config)
     epicsSnprintf(s->address[i], sizeof(s->address[i]), "%s", config->address[i]);
     s->plus[i] = config->plus[i];
     s->port[i] = config->port;
-    if (config->transport)
-        plcConnectionInit(&s->lines[i].connection, 0, 0); /* others make sense of it */
-    else
-        plcConnectionInit(&s->lines[i].connection, s->inSize, s->outSize);
+    plcConnectionInit(&s->lines[i].connection, config->transport ? 0 : s->outSize);
+    if (!config->transport) {
+        s->lines[i].reader = config->reader;
+        s->lines[i].readerPvt = config->reader->create(s->inSize);
+    }
     if (s->policy->links > 1)
         s->lines[i].spare = callocMustSucceed(1, s->inSize + 1, "plcStationCreate");
 }
@@ -166,7 +167,7 @@ int plcStationOutputBy(plcStation *s, const char *host, int port,
     epicsSnprintf(s->address[1], sizeof(s->address[1]), "%s", host[0] ? host : s->address[0]);
     s->port[1] = port;
     epicsSnprintf(s->outReason, sizeof(s->outReason), "not connected yet");
-    plcConnectionInit(&s->lines[1].connection, 0, 0);
+    plcConnectionInit(&s->lines[1].connection, 0);
     plcExchangeCreate(s, transport, own, 1);
     s->lineCount = 2;
     return 0;
@@ -332,6 +333,8 @@ void plcStationsDestroy(void)
         plcExchangeDestroy(s);
         for (i = 0; i < s->lineCount; i++) {
             plcConnectionFree(&s->lines[i].connection);
+            if (s->lines[i].reader)
+                s->lines[i].reader->destroy(s->lines[i].readerPvt);
             free(s->lines[i].spare);
         }
         plcImageDestroy(s->in);

@@ -20,6 +20,7 @@
 #include "plcPolicy.h"
 #include "plcStats.h"
 #include "plcPointers.h"
+#include "plcReader.h"
 #include "plcTransport.h"
 #include "plcUsers.h"
 
@@ -49,6 +50,7 @@ typedef struct plcStationConfig {
     unsigned sendInterval;  /* ms between two output blocks at least */
     const plcPolicy *policy;
     void *policyPvt;
+    const plcReader *reader; /* finds blocks in what comes; may be NULL with a transport */
     const plcTransport *transport; /* NULL: blocks. Else all data goes by this one */
     const void *transportOwn; /* its setup; the transport makes a copy */
 } plcStationConfig;

@@ -271,6 +271,8 @@ PLC_COLD static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
     epicsMutexMustLock(s->lock);
     s->stats.connects++;
     epicsMutexUnlock(s->lock);
+    if (line->reader)
+        line->reader->up(line->readerPvt);
     if (plcLineExchanges(s, i))
         plcExchangeUp(s);
     if (plcLineIsOutput(s, i)) {
@@ -336,10 +338,9 @@ PLC_COLD static void lineOutOfStep(plcStation *s, unsigned i, epicsUInt64 now)
 }
 
 /* Says once that the block size is wrong, and gives the connection up. */
-PLC_COLD static void lineWrongSize(plcStation *s, unsigned i, epicsUInt64 now)
+PLC_COLD static void lineWrongSize(plcStation *s, unsigned i, size_t burst, epicsUInt64 now)
 {
     plcLine *line = &s->lines[i];
-    size_t burst = plcFramingBurst(line->connection.framing);
     int first = !line->wrongSize;
     char why[PLC_REASON_SIZE], text[200];
 
@@ -387,12 +388,13 @@ PLC_COLD static void lineWrongSize(plcStation *s, unsigned i, epicsUInt64 now)
  * silence. */
 PLC_COLD static void lineSilent(plcStation *s, unsigned i, epicsUInt64 now)
 {
-    plcFraming *framing = s->lines[i].connection.framing;
+    plcLine *line = &s->lines[i];
     char why[PLC_REASON_SIZE];
+    plcCame came;
 
-    plcFramingGiveUp(framing);
-    if (plcFramingJudge(framing) == plcFramingWrong) {
-        lineWrongSize(s, i, now);
+    line->reader->giveUp(line->readerPvt, &came);
+    if (came.wrong) {
+        lineWrongSize(s, i, came.burst, now);
         return;
     }
     epicsSnprintf(why, sizeof(why), "no block for %.1f s", s->now.recvTimeout / 1000);
@@ -438,11 +440,11 @@ PLC_HOT void plcLineStep(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64
 }
 
 /* Whole blocks on a line whose size is right. */
-static void lineBlocks(plcStation *s, unsigned i, size_t count, epicsUInt64 now)
+static void lineBlocks(plcStation *s, unsigned i, const plcCame *came, epicsUInt64 now)
 {
     plcLine *line = &s->lines[i];
-    size_t burst = plcFramingBurst(line->connection.framing);
-    const void *block;
+    size_t burst = came->burst, count = came->count;
+    const void *block = came->block;
     char text[200];
 
     if (line->wrongSize && !babbles(line))
@@ -468,7 +470,6 @@ static void lineBlocks(plcStation *s, unsigned i, size_t count, epicsUInt64 now)
     if (text[0])
         plcStationLog(s, errlogMinor, text);
     plcLineTellPolicy(s, plcEventBlock, i, now);
-    block = plcFramingNewest(line->connection.framing);
     if (s->leader == (int)i) {
         plcInputBlock(s, block, plcInputStamp(s, block), count, now);
         return;
@@ -482,10 +483,8 @@ static void lineBlocks(plcStation *s, unsigned i, size_t count, epicsUInt64 now)
     epicsMutexUnlock(s->lock);
 }
 
-static void countDoubts(plcStation *s, plcLine *line)
+static void countDoubts(plcStation *s, plcLine *line, unsigned doubts)
 {
-    unsigned doubts = plcFramingDoubts(line->connection.framing);
-
     if (doubts > line->doubts) {
         epicsMutexMustLock(s->lock);
         s->stats.doubts++;
@@ -499,12 +498,11 @@ static void lineReceive(plcStation *s, unsigned i, epicsUInt64 now)
 {
     plcLine *line = &s->lines[i];
     plcConnection *c = &line->connection;
-    size_t room, count;
+    plcCame came;
     int got, turns = 16;
 
     do {
-        plcFramingSpace(c->framing, &room);
-        got = plcConnectionReceive(c, now);
+        got = line->reader->receive(line->readerPvt, c, now, &came);
         if (got <= 0)
             break;
         epicsMutexMustLock(s->lock);
@@ -512,16 +510,14 @@ static void lineReceive(plcStation *s, unsigned i, epicsUInt64 now)
         epicsMutexUnlock(s->lock);
         if (!s->inSize)
             continue;
-        if (plcFramingJudge(c->framing) == plcFramingWrong) {
-            lineWrongSize(s, i, now);
+        if (came.wrong) {
+            lineWrongSize(s, i, came.burst, now);
             return;
         }
-        countDoubts(s, line);
-        count = plcFramingCount(c->framing);
-        if (count && plcFramingJudge(c->framing) == plcFramingTrusted)
-            lineBlocks(s, i, count, now);
-        plcFramingConsume(c->framing);
-    } while ((size_t)got == room && --turns);
+        countDoubts(s, line, came.doubts);
+        if (came.count)
+            lineBlocks(s, i, &came, now);
+    } while (came.more && --turns);
     if (got < 0)
         plcLineLost(s, i, now, c->error);
 }

@@ -50,6 +50,8 @@ typedef struct plcExchange {
 /* One way to the PLC, with its connection. Owned by the thread. */
 typedef struct plcLine {
     plcConnection connection;
+    const plcReader *reader; /* of blocks; NULL: a worker reads */
+    void *readerPvt;
     plcResolver *resolver; /* NULL: no address */
     char host[PLC_NAME_MAX + 1]; /* copies of the station's: name or address, */
     unsigned plus;               /* what is added to it, */

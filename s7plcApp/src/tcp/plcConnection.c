@@ -1,4 +1,4 @@
-/* One TCP connection for blocks; see plcConnection.h. */
+/* One TCP connection; see plcConnection.h. */
 #include <errno.h>
 #include <fcntl.h>
 #include <poll.h>
@@ -59,11 +59,10 @@ static int fail(plcConnection *c, int number, epicsUInt64 now)
     return -1;
 }
 
-void plcConnectionInit(plcConnection *c, size_t inSize, size_t outSize)
+void plcConnectionInit(plcConnection *c, size_t outSize)
 {
     memset(c, 0, sizeof(*c));
     c->socket = INVALID_SOCKET;
-    c->framing = plcFramingCreate(inSize);
     c->outSize = c->sent = outSize;
     c->out = callocMustSucceed(1, outSize + 1, "plcConnectionInit");
 }
@@ -71,7 +70,6 @@ void plcConnectionInit(plcConnection *c, size_t inSize, size_t outSize)
 void plcConnectionFree(plcConnection *c)
 {
     plcConnectionClose(c, NULL, 0);
-    plcFramingDestroy(c->framing);
     free(c->out);
 }
 
@@ -222,20 +220,15 @@ int plcConnectionFinish(plcConnection *c, epicsUInt64 now)
     if (queued(c) < 0)
         setOption(c->socket, SOL_SOCKET, SO_SNDBUF, (int)c->outSize);
     c->error[0] = 0;
-    plcFramingReset(c->framing);
     return 1;
 }
 
-PLC_HOT int plcConnectionReceive(plcConnection *c, epicsUInt64 now)
+PLC_HOT int plcConnectionReceive(plcConnection *c, void *space, size_t room, epicsUInt64 now)
 {
-    size_t room;
-    void *space = plcFramingSpace(c->framing, &room);
     ssize_t count = recv(c->socket, space, room, 0);
 
-    if (count > 0) {
-        plcFramingAdd(c->framing, count, now);
+    if (count > 0)
         return (int)count;
-    }
     if (count == 0) {
         plcConnectionClose(c, "connection closed by PLC", now);
         return -1;

@@ -1,6 +1,6 @@
-/* One TCP connection that carries fixed-size blocks in both directions, without blocking.
+/* One TCP connection, without blocking: bytes come, and blocks of one size leave.
  *
- * Knows sockets and block sizes; knows nothing of stations, records, policies or what the
+ * Knows sockets; knows nothing of where blocks begin, of stations, records, policies or what the
  * bytes mean. All functions are called by the station's thread; none waits.
  * Protocol: "send/receive" of Siemens S7 communication processors: raw blocks, no header,
  * inSize bytes PLC -> IOC, outSize bytes IOC -> PLC (papers: CLS 2013, Phoenix 2013).
@@ -13,8 +13,6 @@
 #include <epicsTypes.h>
 #include <osiSock.h>
 
-#include "plcFraming.h"
-
 typedef enum {
     plcConnectionDown,       /* no socket */
     plcConnectionConnecting, /* TCP handshake under way */
@@ -26,7 +24,6 @@ typedef struct plcConnection {
     SOCKET socket;
     epicsUInt64 since;    /* monotonic ns: when `state` began */
     epicsUInt64 lasted;   /* ns: how long the last connection was up */
-    plcFraming *framing;
     size_t outSize;
     char *out;            /* the block that leaves */
     size_t sent;          /* its bytes that are with the kernel; outSize: all */
@@ -36,7 +33,7 @@ typedef struct plcConnection {
     char error[80];       /* why it is down, in words: "connection refused" */
 } plcConnection;
 
-void plcConnectionInit(plcConnection *c, size_t inSize, size_t outSize);
+void plcConnectionInit(plcConnection *c, size_t outSize);
 void plcConnectionFree(plcConnection *c); /* closes first */
 
 /* Starts to connect; host and port in network byte order. Returns 0, or -1 with c->error. */
@@ -60,10 +57,9 @@ short plcConnectionEvents(const plcConnection *c);
  * 0 not yet, -1 failed (closed, c->error says why). */
 int plcConnectionFinish(plcConnection *c, epicsUInt64 now);
 
-/* Reads what is there into c->framing. Returns the bytes read (0: none), or -1 when the
- * connection is lost (closed, c->error says why; whole blocks that came before are still
- * in c->framing). */
-int plcConnectionReceive(plcConnection *c, epicsUInt64 now);
+/* Reads what is there, `room` bytes at most. Returns their number (0: none), or -1 when the
+ * connection is lost (closed, c->error says why). */
+int plcConnectionReceive(plcConnection *c, void *space, size_t room, epicsUInt64 now);
 
 /* True when all bytes of the block in c->out are with the kernel. */
 int plcConnectionIdle(const plcConnection *c);
