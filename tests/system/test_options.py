@@ -1,4 +1,5 @@
 """The options of plcOptions: what each does, seen by the PLC and by the operator."""
+import re
 import struct
 import time
 
@@ -280,3 +281,69 @@ def test_report(new_peer, new_ioc):
     ioc.command("s7plcStatsReset PLC")
     assert "in:  0 blocks" in ioc.command("s7plcReport PLC 1")
     assert "no PLC" in ioc.command("s7plcReport NOPLC")
+
+
+LOG = OUT.replace("/0 T=INT32", "/4 T=INT16") + """
+record(bo, "$(P)bit") { field(DTYP, "S7plc") field(OUT, "@PLC/2 T=WORD B=2") }
+"""
+
+
+def test_log_io(new_peer, new_ioc):
+    """log=io shows blocks and puts of one PLC in hex, with the time on request; info ends it"""
+    peer = new_peer(20, 8)
+    ioc = new_ioc(peer.configure(send_interval=10, recv_timeout=60000), LOG + IN)
+    peer.wait_connected()
+    send(peer, 7)
+    ioc.wait_value("in", 7)
+    ioc.put("out", 499)
+    peer.wait_block(b"\0\0\0\0\x01\xf3\0\0")
+    assert ": in " not in ioc.log and ": put " not in ioc.log
+    ioc.command("s7plcSetOption PLC log io")
+    peer.send(bytes([0, 0, 0, 42]) + bytes(12) + bytes([1, 2, 3, 4]))
+    ioc.wait_log("s7plc PLC: in    0: 00 00 00 2A" + " 00" * 12 + "")
+    ioc.wait_log("s7plc PLC: in   16: 01 02 03 04")
+    ioc.put("out", 500)
+    ioc.wait_log("s7plc PLC: put    4: 01 F4")
+    ioc.wait_log("s7plc PLC: out    0: 00 00 00 00 01 F4 00 00")
+    ioc.put("bit", 1)
+    ioc.wait_log("s7plc PLC: put    2: 00 04 mask 00 04")
+    ioc.command("s7plcSetOption PLC logTime on")
+    ioc.put("out", 501)
+    ioc.wait_log("put    4: 01 F5")
+    assert re.search(r"s7plc PLC \d\d:\d\d:\d\d\.\d{3}: put    4: 01 F5", ioc.log)
+    ioc.command("s7plcSetOption PLC log info")
+    ioc.put("out", 502)
+    send(peer, 43)
+    ioc.wait_value("in", 43)
+    assert "01 F6" not in ioc.log and "00 2B" not in ioc.log
+
+
+def test_log_refused(new_peer, new_ioc):
+    """log=io says why a put was refused"""
+    peer = new_peer(4, 8)
+    peer.close()
+    ioc = new_ioc(peer.configure() + option("offlineWrites", "reject") + option("log", "io"), LOG)
+    ioc.wait_log("cannot connect")
+    ioc.put("out", 500)
+    ioc.wait_log("s7plc PLC: put    4: 01 F4 refused: connection refused by PLC")
+
+
+def test_log_levels(new_peer, new_ioc):
+    """log=error leaves out what is no trouble"""
+    peer = new_peer(4, 0)
+    ioc = new_ioc(peer.configure(recv_timeout=60000) + option("log", "error"), IN)
+    peer.wait_connected()
+    send(peer, 1)
+    ioc.wait_value("in", 1)
+    peer.hang_up()
+    ioc.wait_log("s7plc PLC: disconnected: connection closed by PLC")
+    assert ioc.log_count("connected to 127.0.0.1") == 0
+
+
+def test_debug_variable(new_peer, new_ioc):
+    """var s7plcDebug 5 shows the blocks of all PLCs"""
+    peer = new_peer(4, 0)
+    ioc = new_ioc(peer.configure(recv_timeout=60000) + "\nvar s7plcDebug 5", IN)
+    peer.wait_connected()
+    send(peer, 0x09080706)
+    ioc.wait_log("s7plc PLC: in    0: 09 08 07 06")

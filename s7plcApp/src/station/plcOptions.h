@@ -20,6 +20,8 @@ enum { plcPassOwn, plcPassCallback };      /* scanThread= */
 enum { plcCompleteAcknowledged, plcCompleteSent }; /* complete= */
 enum { plcWritesNewest, plcWritesAll };    /* writes= */
 
+enum { plcLogError, plcLogWarning, plcLogInfo, plcLogIo }; /* log= */
+
 #define PLC_OFF (-1.0) /* an option with an offset or a register, not in use */
 
 typedef struct plcOptions {
@@ -52,6 +54,8 @@ typedef struct plcOptions {
     int singleWrite;       /* 0 or 1; this and the next two: registers */
     int maskWrite;         /* plcMaskRefuse, plcMaskRmw */
     double heartbeatRegister; /* holding register, PLC_OFF */
+    int log;               /* plcLogError, ... */
+    int logTime;           /* 0 or 1 */
     double readPeriod;     /* ms, 0 = only at connect; of transports with requests */
 } plcOptions;
 

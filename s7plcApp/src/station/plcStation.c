@@ -215,6 +215,7 @@ plcStation *plcStationCreate(const plcStationConfig *config)
     s->lock = epicsMutexMustCreate();
     s->ended = epicsEventMustCreate(epicsEventEmpty);
     plcOptionsDefault(&s->options);
+    s->logLevel = s->options.log;
     s->options.recvTimeout = config->recvTimeout;
     s->options.sendInterval = config->sendInterval;
     s->optionsChanged = 1;

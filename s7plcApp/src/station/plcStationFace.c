@@ -65,8 +65,12 @@ int plcStationPut(plcStation *s, size_t offset, size_t length, const void *data,
         s->stats.refusedWrites++;
         memcpy(reason, s->refusal, PLC_REASON_SIZE);
         epicsMutexUnlock(s->lock);
+        if (plcStationTraces(s, PLC_TRACE_PUTS))
+            plcStationTracePut(s, offset, length, data, mask, reason);
         return -1;
     }
+    if (plcStationTraces(s, PLC_TRACE_PUTS))
+        plcStationTracePut(s, offset, length, data, mask, NULL);
     if (s->exchange)
         plcReadbackWrote(s->exchange->tracked, s->out, offset, length, mask, written.takes,
                          now);
@@ -431,6 +435,8 @@ int plcStationSetOption(plcStation *s, const char *key, const char *value, char 
     if (status == 0) {
         s->options = options;
         s->optionsChanged = 1;
+        epicsAtomicSetIntT(&s->logLevel, options.log);
+        epicsAtomicSetIntT(&s->logTime, options.logTime);
     }
     if (status == 0 && !s->started) {
         plcScanByRange(s->inScan, options.scan == plcScanChanged);

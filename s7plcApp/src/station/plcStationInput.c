@@ -463,6 +463,8 @@ PLC_HOT void plcInputBlock(plcStation *s, const void *block, epicsTimeStamp stam
 {
     epicsUInt64 wake = PLC_NEVER;
 
+    if (plcStationTraces(s, PLC_TRACE_BLOCKS))
+        plcStationTraceBlock(s, "in", block, s->inSize);
     if (s->listener && s->listener->received)
         s->listener->received(s->listenerPvt, block);
     epicsMutexMustLock(s->lock);

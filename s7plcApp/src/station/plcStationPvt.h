@@ -10,10 +10,12 @@
 #define INC_plcStationPvt_H
 
 #include <callback.h>
+#include <epicsAtomic.h>
 #include <ellLib.h>
 #include <epicsEvent.h>
 #include <epicsMutex.h>
 
+#include "drvS7plc.h"
 #include "plcConnection.h"
 #include "plcLink.h"
 #include "plcReadback.h"
@@ -130,6 +132,8 @@ struct plcStation {
     int layoutState;               /* plcLayoutUnknown, ...: what layoutAt has shown */
     char refusal[PLC_REASON_SIZE]; /* why puts are refused, "": they are not */
                                    /* ... to here */
+    int logLevel;  /* atomic: the option log */
+    int logTime;   /* atomic: the option logTime */
     int connected; /* atomic: a line leads, or another is about to; for record threads */
     int leads;   /* atomic: the same of the line that outputs take */
     int waiting; /* atomic: the thread waits for the end of a scan pass */
@@ -185,6 +189,22 @@ enum { plcLayoutUnknown, plcLayoutAgrees, plcLayoutDiffers };
 void plcStationThread(plcStation *station);
 
 /* --- plcStationState.c; any thread, but for the log ---------------------------------------- */
+
+/* Lines in the log with the bytes of a block ("in", "out") / of a put, which was refused for
+ * this reason (NULL: it was not). Any thread, no lock held. */
+void plcStationTraceBlock(const plcStation *s, const char *what, const void *block,
+                          size_t size);
+void plcStationTracePut(const plcStation *s, size_t offset, size_t length, const void *data,
+                        const void *mask, const char *refusal);
+
+/* True when puts / blocks are to be traced: option log=io, or s7plcDebug of PSI's driver, for
+ * all PLCs: 2 and up, 5 and up. */
+static inline int plcStationTraces(const plcStation *s, int debug)
+{
+    return epicsAtomicGetIntT(&s->logLevel) == plcLogIo || s7plcDebug >= debug;
+}
+#define PLC_TRACE_PUTS 2
+#define PLC_TRACE_BLOCKS 5
 
 /* Why there is no connection on line i, for AMSG and statistics. */
 void plcStationReason(plcStation *s, unsigned i, const char *reason);

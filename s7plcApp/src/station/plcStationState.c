@@ -3,6 +3,7 @@
  *
  * Calls no other file of the station.
  */
+#include <stdio.h>
 #include <string.h>
 
 #include <epicsAtomic.h>
@@ -18,10 +19,71 @@ int s7plcDebug = 0;
 /* Log lines per minute and station; the rest is counted. */
 #define LOG_LINES 20
 
+/* Bytes in a line of a block, and lines of a block at most. */
+#define TRACE_BYTES 16
+#define TRACE_LINES 64
+
+/* "PLC", or with logTime "PLC 12:00:00.123": how a line begins. */
+static const char *title(const plcStation *s, char *text, size_t size)
+{
+    char time[20] = "";
+    epicsTimeStamp now;
+
+    if (epicsAtomicGetIntT(&s->logTime) && epicsTimeGetCurrent(&now) == 0)
+        epicsTimeToStrftime(time, sizeof(time), " %H:%M:%S.%03f", &now);
+    epicsSnprintf(text, size, "%s%s", s->name, time);
+    return text;
+}
+
+/* "00 2A FF". */
+static void hex(const epicsUInt8 *bytes, size_t length, char text[3 * TRACE_BYTES + 1])
+{
+    size_t i;
+
+    text[0] = 0;
+    for (i = 0; i < length && i < TRACE_BYTES; i++)
+        sprintf(text + 3 * i, "%02X ", bytes[i]);
+    if (i)
+        text[3 * i - 1] = 0;
+}
+
+PLC_COLD void plcStationTraceBlock(const plcStation *s, const char *what, const void *block,
+                                   size_t size)
+{
+    char name[PLC_NAME_MAX + 24], bytes[3 * TRACE_BYTES + 1];
+    size_t at;
+
+    title(s, name, sizeof(name));
+    for (at = 0; at < size && at < TRACE_BYTES * TRACE_LINES; at += TRACE_BYTES) {
+        hex((const epicsUInt8 *)block + at, size - at, bytes);
+        errlogPrintf("s7plc %s: %s %4u: %s\n", name, what, (unsigned)at, bytes);
+    }
+    if (at < size)
+        errlogPrintf("s7plc %s: %s %4u: ... %u bytes more\n", name, what, (unsigned)at,
+                     (unsigned)(size - at));
+}
+
+PLC_COLD void plcStationTracePut(const plcStation *s, size_t offset, size_t length,
+                                 const void *data, const void *mask, const char *refusal)
+{
+    char name[PLC_NAME_MAX + 24], bytes[3 * TRACE_BYTES + 1], bits[3 * TRACE_BYTES + 1] = "";
+
+    title(s, name, sizeof(name));
+    hex(data, length, bytes);
+    if (mask)
+        hex(mask, length, bits);
+    errlogPrintf("s7plc %s: put %4u: %s%s%s%s%s%s\n", name, (unsigned)offset, bytes,
+                 length > TRACE_BYTES ? " ..." : "", mask ? " mask " : "", bits,
+                 refusal ? " refused: " : "", refusal ? refusal : "");
+}
+
 PLC_COLD void plcStationLog(plcStation *s, int severity, const char *text)
 {
     epicsUInt64 now = epicsMonotonicGet();
+    char name[PLC_NAME_MAX + 24];
 
+    if (severity + epicsAtomicGetIntT(&s->logLevel) < errlogMajor)
+        return;
     if (now >= s->logRefill) {
         if (s->logDropped)
             errlogSevPrintf(errlogMinor,
@@ -36,7 +98,8 @@ PLC_COLD void plcStationLog(plcStation *s, int severity, const char *text)
         return;
     }
     s->logTokens--;
-    errlogSevPrintf((errlogSevEnum)severity, "s7plc %s: %s\n", s->name, text);
+    errlogSevPrintf((errlogSevEnum)severity, "s7plc %s: %s\n", title(s, name, sizeof(name)),
+                    text);
 }
 
 void plcStationWake(void *arg)

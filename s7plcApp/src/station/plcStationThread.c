@@ -58,6 +58,8 @@ static void sendBlock(plcStation *s, int restart, epicsUInt64 now, epicsUInt64 *
 
     if (status > 0) {
         countSent(s, now);
+        if (plcStationTraces(s, PLC_TRACE_BLOCKS))
+            plcStationTraceBlock(s, "out", c->out, s->outSize);
         if (s->listener && s->listener->sent)
             s->listener->sent(s->listenerPvt, c->out);
     } else if (status < 0) {
