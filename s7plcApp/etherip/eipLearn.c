@@ -407,6 +407,8 @@ static int lookAtProgram(eipWorker *w, epicsUInt64 now)
     }
     memcpy(w->program, answer.data, answer.length);
     w->programLength = answer.length;
+    if (eipWorkerEnter(w))
+        eipWorkerTell(w); /* counters, where nothing else is told */
     return 1;
 }
 
