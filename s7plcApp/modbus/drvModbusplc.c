@@ -37,7 +37,7 @@ static int ranges(const char *command, const char *name, const char *const text[
     if (!error[0] && count[0] + count[1] == 0)
         plcConfigureRefuse(command, name,
                            "neither inputs nor outputs; allowed: \"table start count [at "
-                           "offset] [every ms], ...\" with table holding, input, coils or "
+                           "offset] [every ms] [unit n], ...\" with table holding, input, coils or "
                            "discrete");
     if (error[0] || count[0] + count[1] == 0) {
         free(found[0]);
@@ -122,6 +122,7 @@ static int configureOutput(const char *command, const char *const args[5])
     }
     own.outputs = callocMustSucceed(1, sizeof(*own.outputs), command);
     own.outputs->table = plcHolding;
+    own.outputs->unit = PLC_UNIT_OF_PLC;
     own.outputs->start = (unsigned)start;
     own.outputs->count = (unsigned)size / 2;
     own.outputCount = 1;
@@ -157,7 +158,7 @@ static const iocshFuncDef configureDef = {
 #ifdef IOCSHFUNCDEF_HAS_USAGE
     ,
     "Makes a station: a PLC that is read and written over Modbus/TCP.\n"
-    "inputs, outputs: table start count [at offset] [every ms], ...\n"
+    "inputs, outputs: table start count [at offset] [every ms] [unit n], ...\n"
     "  with table holding, input, coils or discrete (outputs: holding, coils)\n"
     "  modbusplcConfigure PLC,192.168.0.20,502,1,\"holding 0 100 every 100, coils 0 64\","
     "\"holding 200 50\"\n"

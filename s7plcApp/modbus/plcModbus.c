@@ -28,6 +28,26 @@ static void *zeroed(size_t size)
     return callocMustSucceed(1, size + 1, "plcModbusCreate");
 }
 
+static int unitOf(const plcModbusSetup *setup, unsigned i)
+{
+    const plcRange *r = i < setup->inputCount ? &setup->inputs[i]
+                                              : &setup->outputs[i - setup->inputCount];
+
+    return r->unit == PLC_UNIT_OF_PLC ? setup->unit : r->unit - 1;
+}
+
+static unsigned countUnits(const plcModbusSetup *setup)
+{
+    unsigned i, j, count = 0, all = setup->inputCount + setup->outputCount;
+
+    for (i = 0; i < all; i++) {
+        for (j = 0; j < i && unitOf(setup, j) != unitOf(setup, i); j++)
+            ;
+        count += j == i;
+    }
+    return count;
+}
+
 plcModbus *plcModbusCreate(const plcModbusSetup *setup)
 {
     plcModbus *m = zeroed(sizeof(*m));
@@ -58,7 +78,8 @@ plcModbus *plcModbusCreate(const plcModbusSetup *setup)
     m->values = zeroed(setup->outSize);
     m->unsure = zeroed(setup->outSize);
     m->pieces = zeroed((most + 1) * sizeof(*m->pieces));
-    m->wire = plcModbusWireCreate(setup->name, setup->unit, signalWorker, m);
+    m->wire = plcModbusWireCreate(setup->name, signalWorker, m);
+    m->units = countUnits(setup);
     return m;
 }
 
@@ -112,6 +133,7 @@ void plcModbusDestroy(plcModbus *m)
     free(m->unsure);
     free(m->pieces);
     free(m->session.turns);
+    free(m->cuts);
     free(m);
 }
 
@@ -279,7 +301,7 @@ static int beat(plcModbus *m)
 {
     session *s = &m->session;
     const plcModbusOptions *o = &s->options;
-    plcRequest q = {6, plcHolding, (unsigned)o->heartbeatRegister, 1, 0};
+    plcRequest q = {6, plcHolding, (unsigned)o->heartbeatRegister, 1, 0, PLC_UNIT_OF_PLC};
     epicsUInt64 period =
         (epicsUInt64)((o->heartbeat > 0 ? o->heartbeat : 1000) * NS_PER_MS);
     epicsUInt64 now = epicsMonotonicGet();
@@ -347,10 +369,12 @@ static void beginSession(plcModbus *m)
     }
 }
 
-static void takeOptions(plcModbus *m)
+/* Returns 1 when requests have other limits now. */
+static int takeOptions(plcModbus *m)
 {
     session *s = &m->session;
     double before = s->options.readPeriod;
+    plcLimits limits = s->options.limits;
     epicsUInt64 now = epicsMonotonicGet();
     unsigned i;
 
@@ -360,6 +384,8 @@ static void takeOptions(plcModbus *m)
             s->turns[i].due = now;
             plcWorkerSetDue(s, &s->turns[i]);
         }
+    return limits.registers != s->options.limits.registers ||
+           limits.bits != s->options.limits.bits;
 }
 
 /* Does what is due first: writes before others, but one read after each lot of writes.
@@ -372,10 +398,12 @@ static epicsUInt64 step(plcModbus *m)
 
     if (!plcWorkerEnter(m))
         return PLC_WORKER_NEVER;
-    takeOptions(m);
-    plan = m->glueIsNew && !s->round; /* not within a round of reads */
-    if (plan)
+    s->planIsOld |= takeOptions(m) || m->glueIsNew;
+    plan = s->planIsOld && !s->round; /* not within a round of reads */
+    if (plan) {
         takeGlue(m);
+        s->planIsOld = 0;
+    }
     epicsMutexUnlock(m->lock);
     if (plan)
         plcWorkerPlan(m);

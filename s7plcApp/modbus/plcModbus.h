@@ -49,6 +49,10 @@ typedef struct plcModbusOptions {
     int readModifyWrite;      /* FC3 and FC6 where the PLC has no FC22 */
     int heartbeatRegister;    /* holding register, written by FC6; -1: none */
     double heartbeat;         /* ms between two counts; 0: 1000 */
+    plcLimits limits;         /* of one request */
+    double requestPause;      /* ms between an answer and the next request */
+    int anyUnit, anyTransaction; /* not looked at in answers */
+    int rtu;                  /* framing */
 } plcModbusOptions;
 
 /* No thread yet; but it takes a descriptor for libmodbus, which can only use those below

@@ -55,6 +55,19 @@ static void countRequest(plcModbus *m, const plcModbusResult *x)
     m->hasNews = 1;
 }
 
+static void setWire(plcModbus *m, const plcRequest *q)
+{
+    const plcModbusOptions *o = &m->session.options;
+    plcModbusWireOptions wire = {.timeout = o->requestTimeout,
+                                 .unit = q->unit == PLC_UNIT_OF_PLC ? m->setup.unit : q->unit - 1,
+                                 .anyUnit = o->anyUnit,
+                                 .anyTransaction = o->anyTransaction,
+                                 .keepSilent = m->units > 1,
+                                 .rtu = o->rtu};
+
+    plcModbusWireOptionsSet(m->wire, &wire);
+}
+
 /* Returns 0, the code of an exception, or -1: the session is over. When that is because
  * the connection is lost, session.lost says why; `step` tells it. */
 static int askOnce(plcModbus *m, const plcRequest *q)
@@ -65,7 +78,7 @@ static int askOnce(plcModbus *m, const plcRequest *q)
     if (!plcWorkerEnter(m))
         return -1;
     epicsMutexUnlock(m->lock);
-    plcModbusWireTimeout(m->wire, m->session.options.requestTimeout);
+    setWire(m, q);
     status = call(m, q);
     plcModbusWireLast(m->wire, &x);
     if (status < 0 && !x.lost && !x.exception) {
@@ -76,15 +89,19 @@ static int askOnce(plcModbus *m, const plcRequest *q)
         return -1;
     countRequest(m, &x);
     epicsMutexUnlock(m->lock);
+    m->session.answered = epicsMonotonicGet();
+    if (!x.silent)
+        m->session.silent = 0;
+    else if (++m->session.silent < m->units + 1)
+        return PLC_WORKER_SILENT;
     strcpy(m->session.lost, x.why);
     return x.lost ? -1 : x.exception;
 }
 
 /* Waits, but not longer than the session lasts. Returns 0 when it has ended. What wakes it
  * meanwhile (an order, a new session, the end) is not for us: the worker has to look. */
-static int rest(plcModbus *m, unsigned ms)
+static int restUntil(plcModbus *m, epicsUInt64 end)
 {
-    epicsUInt64 end = epicsMonotonicGet() + ms * NS_PER_MS;
     int on = 1, woken = 0, late = 0;
 
     while (!late && (on = plcWorkerEnter(m))) {
@@ -99,6 +116,15 @@ static int rest(plcModbus *m, unsigned ms)
     return on;
 }
 
+/* Waits until the PLC may be asked again. Returns 0 when the session has ended. */
+static int pauseBefore(plcModbus *m)
+{
+    epicsUInt64 due = m->session.answered +
+                      (epicsUInt64)(m->session.options.requestPause * NS_PER_MS);
+
+    return epicsMonotonicGet() >= due || restUntil(m, due);
+}
+
 /* As askOnce; a PLC that is busy is asked again for as long as a request may take. */
 int plcWorkerAsk(plcModbus *m, const plcRequest *q)
 {
@@ -106,12 +132,16 @@ int plcWorkerAsk(plcModbus *m, const plcRequest *q)
                       (epicsUInt64)(m->session.options.requestTimeout * NS_PER_MS);
 
     for (;;) {
-        int status = askOnce(m, q);
+        int status;
+
+        if (!pauseBefore(m))
+            return -1;
+        status = askOnce(m, q);
 
         if ((status != 5 && status != 6) ||
             epicsMonotonicGet() + busyPause * NS_PER_MS >= end)
             return status;
-        if (!rest(m, busyPause))
+        if (!restUntil(m, epicsMonotonicGet() + busyPause * NS_PER_MS))
             return -1;
     }
 }

@@ -56,6 +56,10 @@ void plcWorkerReason(int code, char reason[PLC_REASON_SIZE])
 {
     char text[PLC_REASON_SIZE];
 
+    if (code == PLC_WORKER_SILENT) {
+        strcpy(reason, "no answer from this unit");
+        return;
+    }
     plcExceptionText(code, text, sizeof(text));
     epicsSnprintf(reason, PLC_REASON_SIZE, "PLC: %.34s", text);
 }

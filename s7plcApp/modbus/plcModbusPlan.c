@@ -53,7 +53,9 @@ typedef struct plan {
     size_t imageSize;
     int bitsMaySplit; /* coils of one byte are values of their own */
     plcTable table;
+    int unit;
     unsigned period;
+    plcLimits limits;
     plcRequest *requests;
     unsigned made, room;
 } plan;
@@ -68,23 +70,33 @@ static int byStart(const void *a, const void *b)
     return first->offset < second->offset ? -1 : first->offset > second->offset;
 }
 
-/* Chooses the ranges of this table and period. */
-static void choose(plan *p, const plcRange *ranges, unsigned count, plcTable table,
+/* The least of what the standard and the PLC allow. */
+static unsigned mostOf(plcTable table, plcLimits limits, unsigned most)
+{
+    unsigned limit = tables[table].bits ? limits.bits : limits.registers;
+
+    return limit && limit < most ? limit : most;
+}
+
+/* Chooses the ranges of this table, unit and period. */
+static void choose(plan *p, const plcRange *ranges, unsigned count, plcTable table, int unit,
                    unsigned period)
 {
     unsigned i;
 
     p->table = table;
+    p->unit = unit;
     p->period = period;
     for (i = p->count = 0; i < count; i++)
-        if (ranges[i].table == table && ranges[i].period == period)
+        if (ranges[i].table == table && ranges[i].unit == unit && ranges[i].period == period)
             p->ranges[p->count++] = &ranges[i];
     qsort(p->ranges, p->count, sizeof(*p->ranges), byStart);
 }
 
-static plan begin(const plcRange *ranges, unsigned count, const epicsUInt8 *glue)
+static plan begin(const plcRange *ranges, unsigned count, const epicsUInt8 *glue,
+                  plcLimits limits)
 {
-    plan p = {.glue = glue};
+    plan p = {.glue = glue, .limits = limits};
     unsigned i;
 
     p.ranges = callocMustSucceed(count + 1, sizeof(*p.ranges), "plcModbusPlan");
@@ -105,7 +117,8 @@ static void add(plan *p, epicsUInt8 function, unsigned start, unsigned count)
         if (!p->requests)
             cantProceed("plcModbusPlan: no memory for %u requests\n", p->room);
     }
-    p->requests[p->made++] = (plcRequest){function, p->table, start, count, p->period};
+    p->requests[p->made++] = (plcRequest){function, p->table, start, count, p->period,
+                                             p->unit};
 }
 
 static int holds(const plcRange *range, unsigned address)
@@ -203,24 +216,25 @@ static void planTable(plan *p)
         for (; i < p->count && p->ranges[i]->start <= end; i++)
             if (p->ranges[i]->start + p->ranges[i]->count > end)
                 end = p->ranges[i]->start + p->ranges[i]->count;
-        cover(p, tables[p->table].read, start, end, tables[p->table].readMax);
+        cover(p, tables[p->table].read, start, end,
+              mostOf(p->table, p->limits, tables[p->table].readMax));
     }
 }
 
 unsigned plcPlanReads(const plcRange *ranges, unsigned count, const epicsUInt8 *glue,
-                      plcRequest **requests)
+                      plcLimits limits, plcRequest **requests)
 {
-    plan p = begin(ranges, count, glue);
+    plan p = begin(ranges, count, glue, limits);
     unsigned i, j;
 
     for (i = 0; i < count; i++) {
         for (j = 0; j < i; j++)
-            if (ranges[j].table == ranges[i].table &&
+            if (ranges[j].table == ranges[i].table && ranges[j].unit == ranges[i].unit &&
                 ranges[j].period == ranges[i].period)
                 break;
         if (j < i)
             continue;
-        choose(&p, ranges, count, ranges[i].table, ranges[i].period);
+        choose(&p, ranges, count, ranges[i].table, ranges[i].unit, ranges[i].period);
         planTable(&p);
     }
     free(p.ranges);
@@ -237,7 +251,8 @@ static void writeRun(plan *p, run *r, int single)
 {
     unsigned i = p->made;
 
-    cover(p, tables[p->table].write, r->start, r->end, tables[p->table].writeMax);
+    cover(p, tables[p->table].write, r->start, r->end,
+          mostOf(p->table, p->limits, tables[p->table].writeMax));
     for (; single && i < p->made; i++)
         if (p->requests[i].count == 1)
             p->requests[i].function = tables[p->table].writeSingle;
@@ -277,16 +292,22 @@ static void writeRange(plan *p, const plcRange *range, const epicsUInt8 *mask, i
 }
 
 unsigned plcPlanWrites(const plcRange *ranges, unsigned count, const epicsUInt8 *mask,
-                       const epicsUInt8 *glue, int single, plcRequest **requests)
+                       const epicsUInt8 *glue, plcLimits limits, int single,
+                       plcRequest **requests)
 {
-    static const plcTable order[] = {plcHolding, plcCoils};
-    plan p = begin(ranges, count, glue);
+    plan p = begin(ranges, count, glue, limits);
     unsigned i, j;
 
-    for (i = 0; i < 2; i++) {
+    for (i = 0; i < count; i++) {
         run r = {0, 0};
 
-        choose(&p, ranges, count, order[i], 0);
+        for (j = 0; j < i && (ranges[j].table != ranges[i].table ||
+                              ranges[j].unit != ranges[i].unit);
+             j++)
+            ;
+        if (j < i || !tables[ranges[i].table].write)
+            continue;
+        choose(&p, ranges, count, ranges[i].table, ranges[i].unit, 0);
         for (j = 0; j < p.count; j++)
             writeRange(&p, p.ranges[j], mask, single, &r);
         if (r.end > r.start)
@@ -340,10 +361,11 @@ static int askedFor(const plcJoin *j, const plcPut *put, plcJoin *what, unsigned
         (gap && (coils || first / 16 != (end - 1) / 16)))
         return 0;
     what->table = r->table;
+    what->unit = r->unit;
     what->whole = coils || (!gap && first % 16 == 0 && end % 16 == 0);
     *start = r->start + (coils ? first : first / 16);
     what->end = r->start + (coils ? end : (end + 15) / 16);
-    what->most = tables[r->table].writeMax;
+    what->most = mostOf(r->table, j->limits, tables[r->table].writeMax);
     return 1;
 }
 
@@ -358,13 +380,15 @@ int plcPlanJoins(void *join, const plcPut *put)
         return 0;
     }
     length = what.end - start;
-    joins = j->most && what.table == j->table && what.whole == j->whole &&
+    joins = j->most && what.table == j->table && what.unit == j->unit &&
+            what.whole == j->whole &&
             (what.whole ? start == j->end && length <= j->most
                         : length == 1 && what.end == j->end);
     if (!joins)
         j->most = what.most; /* of a first one; nobody asks any more else */
     j->most = j->most > length ? j->most - length : 0;
     j->table = what.table;
+    j->unit = what.unit;
     j->whole = what.whole;
     j->end = what.end;
     return joins;
@@ -373,11 +397,11 @@ int plcPlanJoins(void *join, const plcPut *put)
 int plcPlanHalve(const plcRange *ranges, unsigned count, const epicsUInt8 *glue,
                  const plcRequest *request, plcRequest halves[2])
 {
-    plan p = begin(ranges, count, glue);
+    plan p = begin(ranges, count, glue, (plcLimits){0, 0});
     unsigned start = request->start, end = start + request->count;
     unsigned middle = start + request->count / 2, place = middle;
 
-    choose(&p, ranges, count, request->table, request->period);
+    choose(&p, ranges, count, request->table, request->unit, request->period);
     p.bitsMaySplit = 1;
     while (place > start && cuts(&p, place))
         place--;
@@ -405,7 +429,8 @@ unsigned plcPlanPieces(const plcRange *ranges, unsigned count, const plcRequest 
         unsigned first = request->start > range->start ? request->start : range->start;
         unsigned end = requestEnd < rangeEnd ? requestEnd : rangeEnd;
 
-        if (range->table != request->table || range->period != request->period ||
+        if (range->table != request->table || range->unit != request->unit ||
+            range->period != request->period ||
             first >= end)
             continue;
         pieces[made].offset = firstByte(range, first);

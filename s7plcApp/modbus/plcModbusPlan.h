@@ -30,12 +30,15 @@ typedef struct plcRange {
     unsigned start, count; /* protocol addresses, from 0; registers or bits */
     size_t offset;         /* bytes from the start of the image */
     unsigned period;       /* ms between two reads; 0: outputs */
+    int unit;              /* its number plus 1; PLC_UNIT_OF_PLC: that of the PLC */
 } plcRange;
+
+#define PLC_UNIT_OF_PLC 0
 
 /* Bytes in the image: 2 per register; bits 8 to a byte, the first one is bit 0. */
 size_t plcRangeBytes(const plcRange *range);
 
-/* Parses "table start count [at offset] [every ms], ..." into a new array, to be freed.
+/* Parses "table start count [at offset] [every ms] [unit n], ..." into a new array, to be freed.
  * `output`: only holding and coils, and no `every`; none may write a register twice.
  * Numbers are decimal, or hexadecimal with 0x. Returns the number of ranges (0 for an
  * empty or missing text), and *size, the bytes of the image; or -1 with a message that
@@ -49,7 +52,13 @@ typedef struct plcRequest {
     plcTable table;
     unsigned start, count; /* registers or bits */
     unsigned period;       /* ms; reads only */
+    int unit;              /* as in the range */
 } plcRequest;
+
+/* What one request may hold, where a PLC takes less than the standard allows; 0: that. */
+typedef struct plcLimits {
+    unsigned registers, bits;
+} plcLimits;
 
 /* The reads for these ranges: as few as the limits force. `glue` (NULL: nothing is known)
  * has a byte per byte of the image: not 0 means that this byte belongs to the same value
@@ -57,36 +66,39 @@ typedef struct plcRequest {
  * only where it is longer than a request. Returns their number, and a new array,
  * to be freed. */
 unsigned plcPlanReads(const plcRange *ranges, unsigned count, const epicsUInt8 *glue,
-                      plcRequest **requests);
+                      plcLimits limits, plcRequest **requests);
 
 /* The writes for the bits set in `mask` (as large as the image): runs of whole registers,
  * runs of coils, and each register of which only some bits are set. `glue` as above.
  * `single`: functions 6 and 5 for requests of one register or coil. Bits that lie in no
  * range are left out. Returns the number of requests, and a new array, to be freed. */
 unsigned plcPlanWrites(const plcRange *ranges, unsigned count, const epicsUInt8 *mask,
-                       const epicsUInt8 *glue, int single, plcRequest **requests);
+                       const epicsUInt8 *glue, plcLimits limits, int single,
+                       plcRequest **requests);
 
 /* May a put leave in one request with those before it? Only when it begins where they end, in
- * the same table, whole registers after whole registers, coils after coils, or more bits of
+ * the same table of the same unit, whole registers after whole registers, coils after coils, or more bits of
  * the one register; so that halves of a refused request keep the order. */
 typedef struct plcJoin {
     const plcRange *ranges; /* as above, set by the caller; the rest is 0 at first */
     unsigned count;
+    plcLimits limits;
     unsigned most;          /* registers or coils that may still join */
     plcTable table;
+    int unit;
     int whole;              /* whole registers, or coils */
     unsigned end;           /* behind the last one */
 } plcJoin;
 int plcPlanJoins(void *join, const plcPut *put);
 
-/* Halves a write that was refused, at the last place before its middle (else the first
+/* Halves a request that was refused, at the last place before its middle (else the first
  * behind it) that cuts no value; coils of a byte that is no part of a longer value are
  * single values. Both have the function of the whole. Returns 1; or 0 when it holds one
  * value only. */
 int plcPlanHalve(const plcRange *ranges, unsigned count, const epicsUInt8 *glue,
                  const plcRequest *request, plcRequest halves[2]);
 
-/* Where a request lies in the image: a piece for each range of its table and period that
+/* Where a request lies in the image: a piece for each range of its table, unit and period that
  * it touches. The range may lie anywhere in the image, and coils may begin within a byte.
  * Returns their number, at most `max`; as many as there are ranges is always enough. */
 typedef struct plcPiece {

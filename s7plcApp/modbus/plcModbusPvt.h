@@ -29,7 +29,16 @@ typedef struct turn {
     int output;      /* of the output ranges */
     epicsUInt64 due; /* ns */
     int refused;     /* by the PLC, the last time */
+    int told;        /* the log has it; else it is told at the end of the round */
 } turn;
+
+/* Between two registers or bits that are not read in one request: the PLC has refused that, or
+ * did not answer. Remembered for good. */
+typedef struct cut {
+    plcTable table;
+    int output, unit;
+    unsigned at; /* the first behind it */
+} cut;
 
 /* One connection, the worker's own. */
 typedef struct session {
@@ -45,8 +54,12 @@ typedef struct session {
     int outputsTried;
     char refusal[PLC_REASON_SIZE]; /* of an output range, in this round; "": none */
     char unread[PLC_REASON_SIZE];  /* why the outputs are not shown; "": they are */
+    int planIsOld;                 /* limits, or where values lie, have changed */
     int knowsIn, knowsOut;         /* where values lie */
     int noMaskWrite;               /* the PLC has no FC22 */
+    int noMultiple[2];             /* nor FC16, FC15; with singleWrite it does without */
+    unsigned silent;               /* requests without an answer since the last one */
+    epicsUInt64 answered;          /* ns, the last answer */
     epicsUInt64 beat;              /* ns, when the heartbeat is due */
     int beatRefused;
 } session;
@@ -86,6 +99,9 @@ struct plcModbus {
     epicsUInt8 *unsure;           /* bits under way when a connection ended */
     epicsUInt8 *ownGlueIn, *ownGlueOut;
     plcPiece *pieces;
+    cut *cuts;
+    unsigned cutCount, cutRoom;
+    unsigned units;               /* how many are asked */
     epicsUInt16 beatCount;
     epicsUInt16 registers[PLC_READ_REGISTERS];
     epicsUInt8 bits[PLC_READ_BITS]; /* one each, as libmodbus has them */
@@ -128,6 +144,9 @@ void plcWorkerMix(epicsUInt8 *to, const epicsUInt8 *from, const epicsUInt8 *mask
  * lost, session.lost says why; the caller of all these functions tells it. */
 int plcWorkerAsk(plcModbus *m, const plcRequest *q);
 
+/* Instead of the code of an exception: one of several units did not answer. */
+#define PLC_WORKER_SILENT 256
+
 /* Can it help to ask for less? Not where the PLC refuses the function, or can do nothing.
  */
 int plcWorkerLessMayHelp(int code);
@@ -165,6 +184,9 @@ void plcWorkerPlan(plcModbus *m);
 /* Makes one read, if one is due. Returns when to go on, monotonic ns, 0: at once; or
  * PLC_WORKER_NEVER. */
 epicsUInt64 plcWorkerPoll(plcModbus *m);
+
+/* A read of several ranges got no answer: they are not read together any more. */
+void plcWorkerReadSilent(plcModbus *m, const turn *t);
 
 /* When a read that was made, or whose period has changed, is due again. */
 void plcWorkerSetDue(session *s, turn *t);

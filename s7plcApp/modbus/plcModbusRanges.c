@@ -137,6 +137,16 @@ static int takeNumber(const parser *p, span *rest, const char *name, unsigned lo
     return 0;
 }
 
+/* 40001 or 400001: the reference numbers of manuals. */
+static int isReference(span word)
+{
+    size_t i;
+
+    for (i = 0; i < word.length && word.text[i] >= '0' && word.text[i] <= '9'; i++)
+        ;
+    return i == word.length && (i == 5 || i == 6);
+}
+
 static int takeTable(const parser *p, span *rest, plcTable *table)
 {
     const char *allowed =
@@ -145,7 +155,7 @@ static int takeTable(const parser *p, span *rest, plcTable *table)
     int i;
 
     if (word.length == 0)
-        return refuse(p, "it is empty; allowed: %s start count [at offset]%s",
+        return refuse(p, "it is empty; allowed: %s start count [at offset]%s [unit n]",
                       p->output ? "holding|coils" : "holding|input|coils|discrete",
                       p->output ? "" : " [every ms]");
     for (i = plcHolding; i <= plcDiscrete; i++)
@@ -154,13 +164,17 @@ static int takeTable(const parser *p, span *rest, plcTable *table)
             *table = (plcTable)i;
             return 0;
         }
+    if (isReference(word))
+        return refuse(p, "table \"%.*s\": 4xxxx is holding, 3xxxx input, 1xxxx discrete, 0xxxx "
+                      "coils, and they count from 1: 40001 is \"holding 0\"", shown(word),
+                      word.text);
     return refuse(p, "table \"%.*s\"; allowed: %s", shown(word), word.text, allowed);
 }
 
-/* "at offset", "every ms", in any order, each once. Returns 0, or -1 with a message. */
+/* "at offset", "every ms", "unit n", in any order, each once. Returns 0, or -1 with a message. */
 static int takeExtras(const parser *p, span *rest, plcRange *range)
 {
-    int at = 0, every = 0;
+    int at = 0, every = 0, unit = 0;
     unsigned long value;
     span word;
 
@@ -173,10 +187,15 @@ static int takeExtras(const parser *p, span *rest, plcRange *range)
             if (takeNumber(p, rest, "period", 1, periodMax, " ms", &value))
                 return -1;
             range->period = (unsigned)value;
+        } else if (same(word, "unit") && !unit++) {
+            if (takeNumber(p, rest, "unit", 0, 255, "", &value))
+                return -1;
+            range->unit = (int)value + 1;
         } else {
             return refuse(
-                p, "\"%.*s\"; allowed here: at offset%s", shown(word), word.text,
-                p->output ? ", once (outputs are not polled)" : ", every ms, each once");
+                p, "\"%.*s\"; allowed here: at offset, %sunit n, each once%s", shown(word),
+                word.text, p->output ? "" : "every ms, ",
+                p->output ? " (outputs are not polled)" : "");
         }
     }
     return 0;
@@ -205,7 +224,7 @@ static int checkPlace(const parser *p, const plcRange *ranges, const plcRange *r
                           "other range has",
                           (unsigned long)range->offset,
                           (unsigned long)(range->offset + bytes - 1), i + 1);
-        if (p->output && range->table == other->table &&
+        if (p->output && range->table == other->table && range->unit == other->unit &&
             overlap(range->start, range->count, other->start, other->count))
             return refuse(p, "it writes the same %s as range %u; allowed: each one once",
                           range->table == plcCoils ? "coils" : "registers", i + 1);
@@ -230,6 +249,7 @@ static int parseRange(const parser *p, const plcRange *ranges, plcRange *range)
     range->offset = before ? before->offset + plcRangeBytes(before) : 0;
     if (range->table == plcHolding || range->table == plcInputRegisters)
         range->offset += range->offset & 1;
+    range->unit = PLC_UNIT_OF_PLC;
     range->period = p->output ? 0 : periodDefault;
     if (takeExtras(p, &rest, range))
         return -1;

@@ -15,38 +15,168 @@ static void addTurn(session *s, const plcRequest *q, int output, epicsUInt64 due
         if (!s->turns)
             cantProceed("plcModbus: no memory for %u requests\n", s->room);
     }
-    s->turns[s->turnCount++] = (turn){*q, output, due, 0};
+    s->turns[s->turnCount++] = (turn){*q, output, due, 0, 0};
 }
 
-/* A read that was refused comes again as one for each range. Returns 0 when it is of one
- * range only. */
+/* --- Where a request is not to go on ------------------------------------------------- */
+
+static cut *findCut(plcModbus *m, const plcRequest *q, int output, unsigned at)
+{
+    unsigned i;
+
+    for (i = 0; i < m->cutCount; i++)
+        if (m->cuts[i].at == at && m->cuts[i].table == q->table &&
+            m->cuts[i].unit == q->unit && m->cuts[i].output == output)
+            return &m->cuts[i];
+    return NULL;
+}
+
+static void addCut(plcModbus *m, const plcRequest *q, int output, unsigned at)
+{
+    if (findCut(m, q, output, at))
+        return;
+    if (m->cutCount == m->cutRoom) {
+        m->cutRoom = m->cutRoom * 2 + 16;
+        m->cuts = realloc(m->cuts, m->cutRoom * sizeof(*m->cuts));
+        if (!m->cuts)
+            cantProceed("plcModbus: no memory for %u requests\n", m->cutRoom);
+    }
+    m->cuts[m->cutCount++] = (cut){q->table, output, q->unit, at};
+}
+
+static void dropCut(plcModbus *m, cut *c)
+{
+    if (c)
+        *c = m->cuts[--m->cutCount];
+}
+
+/* A request that was planned, as one or more turns. */
+static void addTurns(plcModbus *m, plcRequest q, int output, epicsUInt64 due)
+{
+    unsigned at, end = q.start + q.count;
+
+    for (at = q.start + 1; m->cutCount && at < end; at++) {
+        if (!findCut(m, &q, output, at))
+            continue;
+        q.count = at - q.start;
+        addTurn(&m->session, &q, output, due);
+        q.start = at;
+    }
+    q.count = end - q.start;
+    addTurn(&m->session, &q, output, due);
+}
+
+/* The first place within a request where one of the user's ranges begins or ends; or its end. */
+static unsigned rangePlace(const plcModbus *m, const turn *t)
+{
+    const plcRange *ranges = t->output ? m->setup.outputs : m->setup.inputs;
+    unsigned count = t->output ? m->setup.outputCount : m->setup.inputCount;
+    unsigned i, place = t->request.start + t->request.count;
+
+    for (i = 0; i < count; i++) {
+        unsigned start = ranges[i].start, behind = start + ranges[i].count;
+
+        if (ranges[i].table != t->request.table || ranges[i].unit != t->request.unit ||
+            ranges[i].period != t->request.period)
+            continue;
+        if (start > t->request.start && start < place)
+            place = start;
+        if (behind > t->request.start && behind < place)
+            place = behind;
+    }
+    return place;
+}
+
+void plcWorkerReadSilent(plcModbus *m, const turn *t)
+{
+    turn rest = *t;
+    unsigned end = rest.request.start + rest.request.count, place;
+
+    while ((place = rangePlace(m, &rest)) < end) {
+        addCut(m, &rest.request, rest.output, place);
+        rest.request.start = place;
+        rest.request.count = end - place;
+    }
+}
+
+/* A read that was refused comes again in this round as two: first where the user's ranges meet,
+ * then in halves, until it is known what the PLC refuses. Returns 0 when it is of one value. */
 static int split(plcModbus *m, unsigned at)
 {
     session *s = &m->session;
     turn t = s->turns[at];
     const plcRange *ranges = t.output ? m->setup.outputs : m->setup.inputs;
     unsigned count = t.output ? m->setup.outputCount : m->setup.inputCount;
-    unsigned i, end = t.request.start + t.request.count, place = end;
+    const epicsUInt8 *glue = t.output ? (s->knowsOut ? m->ownGlueOut : NULL)
+                                      : (s->knowsIn ? m->ownGlueIn : NULL);
+    unsigned end = t.request.start + t.request.count, place = rangePlace(m, &t);
+    plcRequest half[2];
 
-    for (i = 0; i < count; i++) {
-        unsigned start = ranges[i].start, behind = start + ranges[i].count;
-
-        if (ranges[i].table != t.request.table || ranges[i].period != t.request.period)
-            continue;
-        if (start > t.request.start && start < place)
-            place = start;
-        if (behind > t.request.start && behind < place)
-            place = behind;
+    if (place == end) {
+        if (!plcPlanHalve(ranges, count, glue, &t.request, half))
+            return 0;
+        place = half[1].start;
     }
-    if (place == end)
-        return 0;
+    addCut(m, &t.request, t.output, place);
     s->turns[at].request.count = place - t.request.start;
     t.request.start = place;
     t.request.count = end - place;
     addTurn(s, &t.request, t.output, t.due);
-    split(m, s->turnCount - 1);
     return 1;
 }
+
+/* What can be read together when it is refused anyway: the turn at i goes on with that at k. */
+static int continues(const session *s, unsigned i, unsigned k)
+{
+    const turn *a = &s->turns[i], *b = &s->turns[k];
+
+    return a->refused && a->refused == b->refused && !a->told == !b->told &&
+           a->output == b->output && a->request.table == b->request.table &&
+           a->request.unit == b->request.unit && a->request.period == b->request.period &&
+           a->request.start + a->request.count == b->request.start &&
+           a->request.count + b->request.count <=
+               (plcWorkerIsBits(a->request.table) ? PLC_READ_BITS : PLC_READ_REGISTERS);
+}
+
+/* Neighbours that are refused cost one request from now on. */
+static void joinRefused(plcModbus *m)
+{
+    session *s = &m->session;
+    unsigned i, k;
+
+    for (i = 0; i < s->turnCount; i++)
+        for (k = 0; s->turns[i].refused && k < s->turnCount; k++) {
+            if (k == i || !continues(s, i, k))
+                continue;
+            dropCut(m, findCut(m, &s->turns[k].request, s->turns[k].output,
+                               s->turns[k].request.start));
+            s->turns[i].request.count += s->turns[k].request.count;
+            s->turns[k] = s->turns[--s->turnCount];
+            i = i == s->turnCount ? k : i;
+            k = (unsigned)-1;
+        }
+}
+
+/* Says which reads were refused in this round. The lock is held. */
+static void tellRefused(plcModbus *m)
+{
+    session *s = &m->session;
+    char text[40], reason[PLC_REASON_SIZE];
+    unsigned i;
+
+    for (i = 0; i < s->turnCount; i++) {
+        turn *t = &s->turns[i];
+
+        if (!t->refused || t->told)
+            continue;
+        t->told = 1;
+        plcWorkerReason(t->refused, reason);
+        plcWorkerNote(m, "read of %s: %s", plcWorkerWhere(&t->request, text), reason);
+        m->hasNews = 1;
+    }
+}
+
+/* --- Answers ------------------------------------------------------------------------- */
 
 /* These bits are good again in the image that is news next, or are not. The lock is held.
  */
@@ -86,10 +216,10 @@ static void inputRead(plcModbus *m, turn *t, int code)
         if (t->refused || code)
             markHealed(m, p->offset, plcWorkerPieceBytes(q, p), mask, !code);
     }
-    if (t->refused != !!code)
-        plcWorkerNote(m, "read of %s: %s", plcWorkerWhere(q, text),
-                      code ? reason : "good again");
-    t->refused = !!code;
+    if (t->refused && !code && t->told)
+        plcWorkerNote(m, "read of %s: good again", plcWorkerWhere(q, text));
+    t->told = t->told && code;
+    t->refused = code;
     m->session.inputsRead |= !code;
     m->news.inFaults |= changed;
     m->hasNews = 1;
@@ -145,6 +275,8 @@ static void outputRead(plcModbus *m, turn *t, int code)
 
     if (code && !s->refusal[0])
         plcWorkerReason(code, s->refusal);
+    t->refused = code;
+    t->told = 1; /* with the outputs as a whole */
     for (i = 0; i < n && !code; i++)
         plcWorkerStore(m, &t->request, &m->pieces[i], m->out);
     for (i = 0; i < s->turnCount; i++)
@@ -166,11 +298,13 @@ static int readTurn(plcModbus *m, unsigned at)
 {
     session *s = &m->session;
     plcRequest q = s->turns[at].request;
-    int code = plcWorkerAsk(m, &q);
+    int code = plcWorkerAsk(m, &q), silent = code == PLC_WORKER_SILENT || code < 0;
 
+    if (silent && (code > 0 || m->session.lost[0]))
+        plcWorkerReadSilent(m, &s->turns[at]);
     if (code < 0)
         return -1;
-    if (plcWorkerLessMayHelp(code) && split(m, at))
+    if (plcWorkerLessMayHelp(code) && !s->turns[at].refused && split(m, at))
         return 0;
     plcWorkerSetDue(s, &s->turns[at]);
     (s->turns[at].output ? outputRead : inputRead)(m, &s->turns[at], code);
@@ -184,7 +318,9 @@ static void endRound(plcModbus *m)
     int whole = m->setup.inputCount && (s->inputsRead || !s->inputsTried);
 
     s->round = 0;
+    joinRefused(m);
     if (plcWorkerEnter(m)) {
+        tellRefused(m);
         if (whole) {
             memcpy(m->inNews, m->in, m->setup.inSize);
             epicsTimeGetCurrent(&m->news.stamp);
@@ -238,15 +374,15 @@ void plcWorkerPlan(plcModbus *m)
 
     s->turnCount = 0;
     n = plcPlanReads(m->setup.outputs, m->setup.outputCount,
-                     s->knowsOut ? m->ownGlueOut : NULL, &requests);
+                     s->knowsOut ? m->ownGlueOut : NULL, s->options.limits, &requests);
     for (i = 0; i < n; i++)
-        addTurn(s, &requests[i], 1, now - 1); /* before all others */
+        addTurns(m, requests[i], 1, now - 1); /* before all others */
     free(requests);
     if (n == 0 && !s->outputsTried)
         tellOutputs(m);
     n = plcPlanReads(m->setup.inputs, m->setup.inputCount,
-                     s->knowsIn ? m->ownGlueIn : NULL, &requests);
+                     s->knowsIn ? m->ownGlueIn : NULL, s->options.limits, &requests);
     for (i = 0; i < n; i++)
-        addTurn(s, &requests[i], 0, now);
+        addTurns(m, requests[i], 0, now);
     free(requests);
 }

@@ -79,7 +79,14 @@ static void options(void *pvt, const plcOptions *o)
                                .readModifyWrite = o->maskWrite == plcMaskRmw,
                                .heartbeatRegister = (int)o->heartbeatRegister,
                                .heartbeat =
-                                   o->heartbeat > 0 ? o->heartbeat : HEARTBEAT_MS};
+                                   o->heartbeat > 0 ? o->heartbeat : HEARTBEAT_MS,
+                               .limits = {(unsigned)o->maxRegisters, (unsigned)o->maxBits},
+                               .requestPause = o->requestPause,
+                               .anyUnit = o->check == plcCheckAnyUnit ||
+                                          o->check == plcCheckLoose,
+                               .anyTransaction = o->check == plcCheckAnyTransaction ||
+                                                 o->check == plcCheckLoose,
+                               .rtu = o->modbusFraming == plcFramingRtu};
 
     plcModbusSetOptions(t->worker, &chosen);
 }
@@ -94,7 +101,7 @@ static double longestPause(void *pvt, const plcOptions *o)
     for (i = 0; i < t->own.inputCount; i++)
         if (!(least > 0) || t->own.inputs[i].period < least)
             least = t->own.inputs[i].period;
-    return least;
+    return least > 0 ? least + o->requestPause : 0;
 }
 
 static void up(void *pvt, SOCKET socket, const epicsUInt8 *wholeIn,
@@ -146,6 +153,8 @@ static void reportRanges(const plcRange *ranges, unsigned count, plcFaults *faul
         fprintf(file, "    %s %s %u to %u: byte %u to %u", what, plcTableName(r->table),
                 r->start, r->start + r->count - 1, (unsigned)r->offset,
                 (unsigned)(r->offset + plcRangeBytes(r) - 1));
+        if (r->unit != PLC_UNIT_OF_PLC)
+            fprintf(file, ", unit %d", r->unit - 1);
         if (r->period)
             fprintf(file, ", every %u ms", r->period);
         if (faults && plcFaultsFind(faults, r->offset, plcRangeBytes(r), NULL, reason))

@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <netinet/in.h>
+#include <netinet/tcp.h>
 #include <sys/select.h>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -24,8 +26,13 @@ enum {
     unitAt = 6,
     functionAt = 7,
     lengthMin = 3, /* unit, function, one byte */
-    lengthMax = frameMax - unitAt
+    lengthMax = frameMax - unitAt,
+    oldest = 1000, /* so many transaction numbers back, an answer is an old one */
+    crcSize = 2
 };
+
+/* No PLC starts anew, and is asked again, within this time after an answer; ns. */
+static const epicsUInt64 startsIn = 1000000000u;
 
 typedef struct frame {
     epicsUInt8 bytes[frameMax];
@@ -34,7 +41,6 @@ typedef struct frame {
 
 struct plcModbusWire {
     char name[40];
-    int unit;
     void (*broken)(void *arg);
     void *arg;
     modbus_t *context;
@@ -42,9 +48,17 @@ struct plcModbusWire {
     epicsThreadId thread;
     epicsMutexId lock; /* guards the rest. The thread alone changes socket */
     int socket, next;  /* in use; to be used from the next request on; -1: none */
-    double timeout;    /* ms */
+    int cut;           /* the connection is not wanted any more */
+    plcModbusWireOptions options;
     plcModbusResult last;
     char brokenWhy[PLC_REASON_SIZE]; /* "": it is not */
+
+    /* the thread's own, of the socket in use */
+    struct sockaddr_in address; /* of the PLC */
+    frame rx;          /* what has come and is no whole answer yet */
+    unsigned number;   /* transaction number of the last request, */
+    unsigned requests; /* and how many there were */
+    epicsUInt64 answered; /* ns, when the last of them was; 0: none */
 };
 
 static void wireThread(void *arg);
@@ -96,16 +110,15 @@ static modbus_t *makeContext(void)
     return context;
 }
 
-plcModbusWire *plcModbusWireCreate(const char *name, int unit, void (*broken)(void *arg),
-                                   void *arg)
+plcModbusWire *plcModbusWireCreate(const char *name, void (*broken)(void *arg), void *arg)
 {
     plcModbusWire *w = callocMustSucceed(1, sizeof(*w), "plcModbusWireCreate");
 
     epicsSnprintf(w->name, sizeof(w->name), "%s-mbw", name);
-    w->unit = unit;
     w->broken = broken;
     w->arg = arg;
-    w->timeout = 1000;
+    w->options.timeout = 1000;
+    w->options.unit = 1;
     w->near = w->far = w->socket = w->next = -1;
     w->lock = epicsMutexMustCreate();
     w->context = makeContext();
@@ -156,6 +169,7 @@ int plcModbusWireOpen(plcModbusWire *w, SOCKET socket, char why[PLC_REASON_SIZE]
     epicsMutexMustLock(w->lock);
     closeIf(&w->next);
     w->next = socket;
+    w->cut = 0;
     w->brokenWhy[0] = 0;
     if (w->socket >= 0)
         shutdown(w->socket, SHUT_RDWR); /* the thread sees that, and takes the next */
@@ -167,19 +181,34 @@ void plcModbusWireCut(plcModbusWire *w)
 {
     epicsMutexMustLock(w->lock);
     closeIf(&w->next);
+    w->cut = 1;
     if (w->socket >= 0)
         shutdown(w->socket, SHUT_RDWR);
     epicsMutexUnlock(w->lock);
 }
 
+/* A new connection: nothing has been asked on it. */
+static void begin(plcModbusWire *w)
+{
+    w->rx.size = 0;
+    w->requests = 0;
+    w->answered = 0;
+}
+
 /* Takes the next socket if there is one. Returns 1 when it did. The lock is held. */
 static int takeNext(plcModbusWire *w)
 {
+    socklen_t size;
+
     if (w->next < 0)
         return 0;
     closeIf(&w->socket);
     w->socket = w->next;
     w->next = -1;
+    begin(w);
+    size = sizeof(w->address);
+    if (getpeername(w->socket, (struct sockaddr *)&w->address, &size))
+        w->address.sin_family = AF_UNSPEC; /* it is gone already */
     return 1;
 }
 
@@ -190,10 +219,10 @@ modbus_t *plcModbusWireContext(plcModbusWire *w)
     return w->context;
 }
 
-void plcModbusWireTimeout(plcModbusWire *w, double timeout)
+void plcModbusWireOptionsSet(plcModbusWire *w, const plcModbusWireOptions *options)
 {
     epicsMutexMustLock(w->lock);
-    w->timeout = timeout;
+    w->options = *options;
     epicsMutexUnlock(w->lock);
 }
 
@@ -230,7 +259,9 @@ static int lost(plcModbusResult *x, const char *format, ...)
 
 static int lostBy(plcModbusResult *x, int error)
 {
-    if (error == ECONNRESET || error == EPIPE)
+    x->closed = error == ECONNRESET || error == EPIPE;
+    x->reset = x->closed;
+    if (x->closed)
         return lost(x, "connection reset by PLC");
     if (error == ETIMEDOUT)
         return lost(x, "PLC does not answer");
@@ -278,47 +309,103 @@ static int sendFrame(plcModbusWire *w, const frame *q, epicsUInt64 deadline,
     return 0;
 }
 
-/* Receives up to `size` bytes of the answer in all. */
-static int receive(plcModbusWire *w, frame *a, size_t size, epicsUInt64 deadline,
-                   double timeout, plcModbusResult *x)
+/* Reads what is there into rx, up to `size` bytes in all. Returns 1: something came, 0: nothing
+ * is there, -1: the socket is lost. */
+static int receiveSome(plcModbusWire *w, size_t size, plcModbusResult *x)
 {
-    while (a->size < size) {
-        ssize_t n = recv(w->socket, a->bytes + a->size, size - a->size, MSG_DONTWAIT);
+    frame *rx = &w->rx;
+    ssize_t n = recv(w->socket, rx->bytes + rx->size, size - rx->size, MSG_DONTWAIT);
 
-        if (n > 0) {
-            a->size += (size_t)n;
-            x->received = (unsigned)a->size;
-        } else if (n == 0) {
-            return lost(x, a->size ? "closed by PLC within an answer"
-                                   : "connection closed by PLC");
-        } else if (errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR) {
-            return lostBy(x, errno);
-        } else if (!await(w->socket, POLLIN, deadline)) {
-            return a->size ? lostByTime(x, "answer is not complete after", timeout)
-                           : lostByTime(x, "no answer for", timeout);
-        }
+    if (n > 0) {
+        rx->size += (size_t)n;
+        x->received += (unsigned)n;
+        return 1;
+    }
+    if (n == 0) {
+        x->closed = 1;
+        return lost(x, rx->size ? "closed by PLC within an answer" : "connection closed by PLC");
+    }
+    return errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR ? 0 : lostBy(x, errno);
+}
+
+/* Receives up to `size` bytes in all. */
+static int receive(plcModbusWire *w, size_t size, epicsUInt64 deadline,
+                   const plcModbusWireOptions *o, plcModbusResult *x)
+{
+    while (w->rx.size < size) {
+        int got = receiveSome(w, size, x);
+
+        if (got < 0)
+            return -1;
+        if (got || await(w->socket, POLLIN, deadline))
+            continue;
+        x->silent = o->keepSilent && !w->rx.size;
+        return w->rx.size ? lostByTime(x, "answer is not complete after", o->timeout)
+                          : lostByTime(x, "no answer for", o->timeout);
     }
     return 0;
 }
 
-/* Is this the header of an answer to the request? */
-static int checkHeader(const plcModbusWire *w, const frame *q, const frame *a,
+/* True for the number of a request that was made before the one under way. */
+static int isOld(const plcModbusWire *w, unsigned transaction)
+{
+    unsigned back = (w->number - transaction) & 0xffff;
+
+    return back < w->requests && back < oldest;
+}
+
+/* The length of the first frame in rx, which has a header. Returns 0 when that makes no sense. */
+static size_t frameSize(const plcModbusWire *w, plcModbusResult *x)
+{
+    unsigned length = number(w->rx.bytes + lengthAt);
+
+    if (number(w->rx.bytes + 2))
+        lost(x, "bad answer: no Modbus/TCP");
+    else if (length < lengthMin || length > lengthMax)
+        lost(x, "bad answer: length %u", length);
+    else
+        return unitAt + length;
+    return 0;
+}
+
+/* Is this the answer to the request, by its function and unit? */
+static int checkHeader(const frame *q, const frame *a, const plcModbusWireOptions *o,
                        plcModbusResult *x)
 {
-    unsigned function = a->bytes[functionAt] & 0x7f, length = number(a->bytes + lengthAt);
+    unsigned function = a->bytes[functionAt] & 0x7f;
 
-    if (number(a->bytes + 2))
-        return lost(x, "bad answer: no Modbus/TCP");
-    if (number(a->bytes) != number(q->bytes))
-        return lost(x, "bad answer: wrong transaction number");
-    if (length < lengthMin || length > lengthMax)
-        return lost(x, "bad answer: length %u", length);
-    if (a->bytes[unitAt] != w->unit)
-        return lost(x, "bad answer: unit %u instead of %d", a->bytes[unitAt], w->unit);
+    if (!o->anyUnit && a->bytes[unitAt] != o->unit)
+        return lost(x, "bad answer: unit %u instead of %d", a->bytes[unitAt], o->unit);
     if (function != q->bytes[functionAt])
         return lost(x, "bad answer: function %u instead of %u", function,
                     q->bytes[functionAt]);
     return 0;
+}
+
+/* The answer to the request, into *a. Old ones are dropped. */
+static int receiveAnswer(plcModbusWire *w, const frame *q, frame *a, epicsUInt64 deadline,
+                         const plcModbusWireOptions *o, plcModbusResult *x)
+{
+    for (;;) {
+        unsigned transaction;
+        size_t size;
+
+        if (receive(w, headerSize + 1, deadline, o, x) || (size = frameSize(w, x)) == 0)
+            return -1;
+        transaction = number(w->rx.bytes);
+        if (transaction == number(q->bytes) || o->anyTransaction) {
+            if (checkHeader(q, &w->rx, o, x) || receive(w, size, deadline, o, x))
+                return -1;
+            *a = w->rx;
+            w->rx.size = 0;
+            return 0;
+        }
+        if (!isOld(w, transaction))
+            return lost(x, "bad answer: wrong transaction number");
+        if (receive(w, size, deadline, o, x))
+            return -1;
+        w->rx.size = 0;
+    }
 }
 
 /* What is in the length of the answer's header. */
@@ -362,37 +449,182 @@ static int checkAnswer(const frame *q, const frame *a, plcModbusResult *x)
     return 0;
 }
 
-/* Nothing may be there before the request is. */
-static int checkQuiet(plcModbusWire *w, plcModbusResult *x)
-{
-    char byte;
-    ssize_t n;
+/* --- RTU ---------------------------------------------------------------------------- */
 
-    do
-        n = recv(w->socket, &byte, 1, MSG_DONTWAIT | MSG_PEEK);
-    while (n < 0 && errno == EINTR);
-    if (n > 0)
-        return lost(x, "PLC sends what was not asked for");
-    if (n == 0)
-        return lost(x, "connection closed by PLC");
-    return errno == EAGAIN || errno == EWOULDBLOCK ? 0 : lostBy(x, errno);
+/* CRC-16 of the serial line: polynomial 0xA001, from 0xFFFF on. */
+static unsigned crcOf(const epicsUInt8 *bytes, size_t size)
+{
+    unsigned crc = 0xffff, bit;
+
+    while (size--) {
+        crc ^= *bytes++;
+        for (bit = 0; bit < 8; bit++)
+            crc = crc & 1 ? crc >> 1 ^ 0xa001 : crc >> 1;
+    }
+    return crc;
 }
 
-/* Request out, answer in. Returns 0 with a good answer (exceptions are), or -1. */
-static int exchange(plcModbusWire *w, frame *q, frame *a, double timeout, plcModbusResult *x)
+/* The header goes, the CRC comes, its low byte first. */
+static void toRtu(const frame *q, frame *rtu)
 {
-    epicsUInt64 begin = epicsMonotonicGet();
-    epicsUInt64 deadline = begin + (epicsUInt64)(timeout * 1e6);
+    unsigned crc;
 
-    if (w->socket < 0)
-        return lost(x, "not connected");
-    q->bytes[unitAt] = (epicsUInt8)w->unit; /* libmodbus would refuse 248 to 254 */
-    if (checkQuiet(w, x) || sendFrame(w, q, deadline, timeout, x) ||
-        receive(w, a, headerSize + 1, deadline, timeout, x) || checkHeader(w, q, a, x) ||
-        receive(w, a, unitAt + number(a->bytes + lengthAt), deadline, timeout, x) ||
-        checkAnswer(q, a, x))
+    rtu->size = q->size - unitAt;
+    memcpy(rtu->bytes, q->bytes + unitAt, rtu->size);
+    crc = crcOf(rtu->bytes, rtu->size);
+    rtu->bytes[rtu->size++] = (epicsUInt8)crc;
+    rtu->bytes[rtu->size++] = (epicsUInt8)(crc >> 8);
+}
+
+/* An answer has no length: the request says it. */
+static int receiveRtu(plcModbusWire *w, const frame *q, frame *a, epicsUInt64 deadline,
+                      const plcModbusWireOptions *o, plcModbusResult *x)
+{
+    size_t size;
+    unsigned crc;
+
+    if (receive(w, 2, deadline, o, x))
         return -1;
-    x->latency = (double)(epicsMonotonicGet() - begin) / 1e6;
+    size = (w->rx.bytes[1] & 0x80 ? 3 : expectedLength(q)) + crcSize;
+    memcpy(a->bytes, q->bytes, unitAt);
+    memcpy(a->bytes + unitAt, w->rx.bytes, 2);
+    if (checkHeader(q, a, o, x) || receive(w, size, deadline, o, x))
+        return -1;
+    crc = crcOf(w->rx.bytes, size - crcSize);
+    if (w->rx.bytes[size - 2] != (crc & 0xff) || w->rx.bytes[size - 1] != crc >> 8)
+        return lost(x, "bad answer: wrong CRC");
+    a->size = unitAt + size - crcSize;
+    memcpy(a->bytes + unitAt, w->rx.bytes, size - crcSize);
+    a->bytes[lengthAt] = (epicsUInt8)((size - crcSize) >> 8);
+    a->bytes[lengthAt + 1] = (epicsUInt8)(size - crcSize);
+    w->rx.size = 0;
+    return 0;
+}
+
+/* --- The connection and its requests ------------------------------------------------- */
+
+/* Drops what is there and was not asked for. With `strict`, only answers that come again or late
+ * may be there. Returns 0, or -1: the socket is lost. */
+static int dropOld(plcModbusWire *w, const plcModbusWireOptions *o, plcModbusResult *x)
+{
+    int strict = !o->anyTransaction && !o->rtu, got = 1;
+
+    while (got > 0) {
+        size_t size = !strict ? frameMax : headerSize + 1;
+
+        if (strict && w->rx.size >= size && (size = frameSize(w, x)) == 0)
+            return lost(x, "PLC sends what was not asked for");
+        if (w->rx.size >= size || !strict)
+            w->rx.size = 0; /* a whole one */
+        got = receiveSome(w, strict && !w->rx.size ? headerSize + 1 : size, x);
+        if (got > 0 && strict && w->rx.size >= 2 && !isOld(w, number(w->rx.bytes)))
+            return lost(x, "PLC sends what was not asked for");
+    }
+    return got;
+}
+
+/* Connects again, to the same PLC. Returns 0, or -1. */
+static int reopen(plcModbusWire *w, epicsUInt64 deadline, const plcModbusWireOptions *o,
+                  plcModbusResult *x)
+{
+    int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0), on = 1, error = 0;
+    socklen_t size = sizeof(error);
+    int cut;
+
+    if (fd < 0)
+        return lostBy(x, errno);
+    setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof(on));
+    setsockopt(fd, SOL_SOCKET, SO_KEEPALIVE, &on, sizeof(on));
+    epicsMutexMustLock(w->lock);
+    cut = w->cut || w->address.sin_family != AF_INET;
+    if (cut)
+        close(fd);
+    else
+        w->socket = fd; /* whoever cuts the connection cuts this one */
+    epicsMutexUnlock(w->lock);
+    if (cut)
+        return lost(x, "not connected");
+    begin(w);
+    if (connect(fd, (struct sockaddr *)&w->address, sizeof(w->address)) == 0)
+        return 0;
+    if (errno != EINPROGRESS)
+        return lostBy(x, errno);
+    if (!await(fd, POLLOUT, deadline))
+        return lostByTime(x, "PLC takes no connection for", o->timeout);
+    getsockopt(fd, SOL_SOCKET, SO_ERROR, &error, &size);
+    return error ? lostBy(x, error) : 0;
+}
+
+/* The PLC has closed the socket: for the next request there is a new one. */
+static void dropSocket(plcModbusWire *w)
+{
+    epicsMutexMustLock(w->lock);
+    if (w->socket >= 0)
+        shutdown(w->socket, SHUT_RDWR);
+    closeIf(&w->socket);
+    epicsMutexUnlock(w->lock);
+    w->rx.size = 0;
+}
+
+/* A socket on which a request can be made. Returns 0, or -1. */
+static int makeReady(plcModbusWire *w, epicsUInt64 deadline, const plcModbusWireOptions *o,
+                     plcModbusResult *x)
+{
+    if (w->socket >= 0 && dropOld(w, o, x) == 0)
+        return 0;
+    if (x->lost && (!x->closed || x->reset))
+        return -1;
+    dropSocket(w);
+    *x = (plcModbusResult){.lost = 0};
+    return reopen(w, deadline, o, x);
+}
+
+/* Request out, answer in. */
+static int converse(plcModbusWire *w, frame *q, frame *a, epicsUInt64 deadline,
+                    const plcModbusWireOptions *o, plcModbusResult *x)
+{
+    frame rtu = *q;
+
+    a->size = 0;
+    w->number = number(q->bytes);
+    w->requests++;
+    if (!o->rtu)
+        return sendFrame(w, q, deadline, o->timeout, x) ||
+               receiveAnswer(w, q, a, deadline, o, x) || checkAnswer(q, a, x);
+    toRtu(q, &rtu);
+    return sendFrame(w, &rtu, deadline, o->timeout, x) ||
+           receiveRtu(w, q, a, deadline, o, x) || checkAnswer(q, a, x);
+}
+
+/* Request out, answer in, on a new connection where the PLC has closed the old one. Returns 0 with
+ * a good answer (exceptions are), or -1. */
+static int exchange(plcModbusWire *w, frame *q, frame *a, const plcModbusWireOptions *o,
+                    plcModbusResult *x)
+{
+    epicsUInt64 start = epicsMonotonicGet();
+    epicsUInt64 deadline = start + (epicsUInt64)(o->timeout * 1e6);
+    plcModbusResult first;
+
+    q->bytes[unitAt] = (epicsUInt8)o->unit; /* libmodbus would refuse 248 to 254 */
+    if (makeReady(w, deadline, o, x))
+        return -1;
+    x->received = 0;
+    if (converse(w, q, a, deadline, o, x)) {
+        first = *x;
+        if (!x->closed || x->received || !w->answered ||
+            (x->reset && start - w->answered > startsIn))
+            return -1;
+        dropSocket(w);
+        *x = (plcModbusResult){.lost = 0};
+        if (reopen(w, deadline, o, x)) { /* it is gone: the first reason says it better */
+            *x = first;
+            return -1;
+        }
+        if (converse(w, q, a, deadline, o, x))
+            return -1;
+    }
+    w->answered = epicsMonotonicGet();
+    x->latency = (double)(w->answered - start) / 1e6;
     return 0;
 }
 
@@ -434,17 +666,21 @@ static void answer(plcModbusWire *w, frame *q)
 {
     plcModbusResult x = {.lost = 0};
     frame a = {.size = 0};
-    double timeout;
+    plcModbusWireOptions o;
 
     epicsMutexMustLock(w->lock);
     takeNext(w);
-    timeout = w->timeout;
+    o = w->options;
     epicsMutexUnlock(w->lock);
-    if (exchange(w, q, &a, timeout, &x))
+    if (exchange(w, q, &a, &o, &x)) {
         makeRefusal(q, &a);
+    } else { /* libmodbus compares these */
+        memcpy(a.bytes, q->bytes, 2);
+        a.bytes[unitAt] = q->bytes[unitAt];
+    }
     epicsMutexMustLock(w->lock);
     w->last = x;
-    if (x.lost && w->socket >= 0) {
+    if (x.lost && !x.silent && w->socket >= 0) {
         shutdown(w->socket, SHUT_RDWR);
         closeIf(&w->socket);
     }
@@ -457,17 +693,22 @@ static void answer(plcModbusWire *w, frame *q)
 static void breakWire(plcModbusWire *w)
 {
     plcModbusResult x = {.lost = 0};
-    int tell;
+    plcModbusWireOptions o;
+    int tell = 0;
 
-    if (checkQuiet(w, &x) == 0)
+    epicsMutexMustLock(w->lock);
+    o = w->options;
+    epicsMutexUnlock(w->lock);
+    if (dropOld(w, &o, &x) == 0)
         return;
     epicsMutexMustLock(w->lock);
-    tell = !takeNext(w);
-    if (tell) {
+    if (!takeNext(w)) {
+        tell = !x.closed || x.reset; /* else there is a new one for the next request */
         shutdown(w->socket, SHUT_RDWR);
         closeIf(&w->socket);
-        strcpy(w->brokenWhy, x.why);
     }
+    if (tell)
+        strcpy(w->brokenWhy, x.why);
     epicsMutexUnlock(w->lock);
     if (tell)
         w->broken(w->arg);

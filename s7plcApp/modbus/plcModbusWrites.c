@@ -48,8 +48,8 @@ static void settle(plcModbus *m, const plcRequest *q, const char *reason)
 static int readModifyWrite(plcModbus *m, const plcRequest *q, epicsUInt16 mask,
                            epicsUInt16 value)
 {
-    plcRequest read = {3, q->table, q->start, 1, 0};
-    plcRequest write = {6, q->table, q->start, 1, 0};
+    plcRequest read = {3, q->table, q->start, 1, 0, q->unit};
+    plcRequest write = {6, q->table, q->start, 1, 0, q->unit};
     int status = plcWorkerAsk(m, &read);
 
     if (status)
@@ -97,6 +97,17 @@ static int halvesMayHelp(const plcModbus *m, int code)
 
 static int writeOne(plcModbus *m, const plcRequest *request);
 
+/* One by one, by FC6 or FC5, also the registers of one value. Returns as writeOne does. */
+static int writeEach(plcModbus *m, const plcRequest *q)
+{
+    plcRequest one = *q;
+    int status = 0;
+
+    for (one.count = 1; one.start < q->start + q->count && status == 0; one.start++)
+        status = writeOne(m, &one);
+    return status;
+}
+
 /* Returns as writeOne does. */
 static int refused(plcModbus *m, const plcRequest *q, int code)
 {
@@ -107,7 +118,13 @@ static int refused(plcModbus *m, const plcRequest *q, int code)
         plcPlanHalve(m->setup.outputs, m->setup.outputCount,
                      m->session.knowsOut ? m->ownGlueOut : NULL, q, half))
         return writeOne(m, &half[0]) || writeOne(m, &half[1]) ? -1 : 0;
+    if (code == 1 && q->count > 1 && m->session.options.singleWrite) {
+        m->session.noMultiple[plcWorkerIsBits(q->table)] = 1;
+        return writeEach(m, q);
+    }
     plcWorkerReason(code, reason);
+    if (code == 1 && (q->function == 16 || q->function == 15))
+        epicsSnprintf(reason, sizeof(reason), "PLC has no FC%d: set singleWrite=on", q->function);
     if (q->function == 22 && code == 1 && !m->session.options.readModifyWrite)
         epicsSnprintf(reason, sizeof(reason), "PLC has no FC22: set maskWrite=rmw");
     settle(m, q, reason);
@@ -120,6 +137,9 @@ static int writeOne(plcModbus *m, const plcRequest *request)
     plcRequest q = *request;
     int status;
 
+    if (q.count > 1 && m->session.options.singleWrite &&
+        m->session.noMultiple[plcWorkerIsBits(q.table)])
+        return writeEach(m, &q);
     if (q.count == 1 && q.function != 22 && m->session.options.singleWrite)
         q.function = plcWorkerIsBits(q.table) ? 5 : 6;
     status = q.function == 22 ? writeBits(m, &q) : writeWhole(m, &q);
@@ -134,7 +154,7 @@ static int writeOne(plcModbus *m, const plcRequest *request)
  * when there is nothing, or the session is over. */
 static unsigned takeTogether(plcModbus *m)
 {
-    plcJoin join = {m->setup.outputs, m->setup.outputCount, .most = 0};
+    plcJoin join = {m->setup.outputs, m->setup.outputCount, m->session.options.limits, .most = 0};
     unsigned count;
 
     if (!plcWorkerEnter(m))
@@ -157,7 +177,7 @@ static int writeTogether(plcModbus *m)
     int status = 0;
 
     n = plcPlanWrites(m->setup.outputs, m->setup.outputCount, m->leaving,
-                      m->session.knowsOut ? m->ownGlueOut : NULL,
+                      m->session.knowsOut ? m->ownGlueOut : NULL, m->session.options.limits,
                       m->session.options.singleWrite, &requests);
     for (i = 0; i < n && status == 0; i++)
         status = writeOne(m, &requests[i]);

@@ -11,6 +11,8 @@
 
 #define COUNT(table) (sizeof(table) / sizeof(table[0]))
 
+static const plcLimits standard = {0, 0};
+
 /* Same numbers in each run. */
 static epicsUInt32 seed = 1;
 
@@ -32,30 +34,30 @@ static const struct {
     {"no text",                      NULL,                           0, 0,      0, {{0}}                              },
     {"an empty text",                "",                             1, 0,      0, {{0}}                              },
     {"blanks only",                  " \t ",                         0, 0,      0, {{0}}                              },
-    {"a range",                      "holding 0 100",                0, 200,    1, {{plcHolding, 0, 100, 0, 100}}     },
-    {"a range with a period",        "input 5 1 every 1",            0, 2,      1, {{plcInputRegisters, 5, 1, 0, 1}}  },
-    {"a range at a place",           "coils 8 9 at 3",               0, 5,      1, {{plcCoils, 8, 9, 3, 100}}         },
-    {"place, then period",           "discrete 1 8 at 1 every 7",    0, 2,      1, {{plcDiscrete, 1, 8, 1, 7}}        },
-    {"period, then place",           "discrete 1 8 every 7 at 1",    0, 2,      1, {{plcDiscrete, 1, 8, 1, 7}}        },
-    {"capitals",                     "HOLDING 1 2 AT 4 EVERY 5",     0, 8,      1, {{plcHolding, 1, 2, 4, 5}}         },
-    {"hexadecimal numbers",          "holding 0x10 0X0a",            0, 20,     1, {{plcHolding, 16, 10, 0, 100}}     },
-    {"leading zeros are decimal",    "holding 010 010",              0, 20,     1, {{plcHolding, 10, 10, 0, 100}}     },
-    {"the last register",            "holding 65535 1",              0, 2,      1, {{plcHolding, 65535, 1, 0, 100}}   },
-    {"a whole table",                "input 0 65536",                0, 131072, 1, {{plcInputRegisters, 0, 65536, 0, 100}}},
+    {"a range",                      "holding 0 100",                0, 200,    1, {{plcHolding, 0, 100, 0, 100, 0}}     },
+    {"a range with a period",        "input 5 1 every 1",            0, 2,      1, {{plcInputRegisters, 5, 1, 0, 1, 0}}  },
+    {"a range at a place",           "coils 8 9 at 3",               0, 5,      1, {{plcCoils, 8, 9, 3, 100, 0}}         },
+    {"place, then period",           "discrete 1 8 at 1 every 7",    0, 2,      1, {{plcDiscrete, 1, 8, 1, 7, 0}}        },
+    {"period, then place",           "discrete 1 8 every 7 at 1",    0, 2,      1, {{plcDiscrete, 1, 8, 1, 7, 0}}        },
+    {"capitals",                     "HOLDING 1 2 AT 4 EVERY 5",     0, 8,      1, {{plcHolding, 1, 2, 4, 5, 0}}         },
+    {"hexadecimal numbers",          "holding 0x10 0X0a",            0, 20,     1, {{plcHolding, 16, 10, 0, 100, 0}}     },
+    {"leading zeros are decimal",    "holding 010 010",              0, 20,     1, {{plcHolding, 10, 10, 0, 100, 0}}     },
+    {"the last register",            "holding 65535 1",              0, 2,      1, {{plcHolding, 65535, 1, 0, 100, 0}}   },
+    {"a whole table",                "input 0 65536",                0, 131072, 1, {{plcInputRegisters, 0, 65536, 0, 100, 0}}},
     {"blanks and line ends",         "  holding\t0  1 ,\n coils 0 1 ", 0, 3,    2,
-     {{plcHolding, 0, 1, 0, 100}, {plcCoils, 0, 1, 2, 100}}                                                           },
+     {{plcHolding, 0, 1, 0, 100, 0}, {plcCoils, 0, 1, 2, 100, 0}}                                                           },
     {"the example of the design",
      "holding 0 100 every 100, input 0 20, coils 0 64 at 300 every 500",                            0, 308,    3,
-     {{plcHolding, 0, 100, 0, 100}, {plcInputRegisters, 0, 20, 200, 100}, {plcCoils, 0, 64, 300, 500}}                },
+     {{plcHolding, 0, 100, 0, 100, 0}, {plcInputRegisters, 0, 20, 200, 100, 0}, {plcCoils, 0, 64, 300, 500, 0}}                },
     {"registers behind an odd byte", "coils 0 3,holding 0 1,discrete 0 1,coils 9 1",                0, 6,      4,
-     {{plcCoils, 0, 3, 0, 100}, {plcHolding, 0, 1, 2, 100}, {plcDiscrete, 0, 1, 4, 100}, {plcCoils, 9, 1, 5, 100}}   },
-    {"an odd place that was asked for", "holding 0 1 at 3",          0, 5,      1, {{plcHolding, 0, 1, 3, 100}}       },
+     {{plcCoils, 0, 3, 0, 100, 0}, {plcHolding, 0, 1, 2, 100, 0}, {plcDiscrete, 0, 1, 4, 100, 0}, {plcCoils, 9, 1, 5, 100, 0}}   },
+    {"an odd place that was asked for", "holding 0 1 at 3",          0, 5,      1, {{plcHolding, 0, 1, 3, 100, 0}}       },
     {"a range before the one before", "holding 0 2 at 4, holding 9 2 at 0",                         0, 8,      2,
-     {{plcHolding, 0, 2, 4, 100}, {plcHolding, 9, 2, 0, 100}}                                                         },
+     {{plcHolding, 0, 2, 4, 100, 0}, {plcHolding, 9, 2, 0, 100, 0}}                                                         },
     {"input registers twice",        "input 0 2, input 0 2",         0, 8,      2,
-     {{plcInputRegisters, 0, 2, 0, 100}, {plcInputRegisters, 0, 2, 4, 100}}                                           },
+     {{plcInputRegisters, 0, 2, 0, 100, 0}, {plcInputRegisters, 0, 2, 4, 100, 0}}                                           },
     {"outputs have no period",       "holding 0 2, coils 0 2",       1, 5,      2,
-     {{plcHolding, 0, 2, 0, 0}, {plcCoils, 0, 2, 4, 0}}                                                               },
+     {{plcHolding, 0, 2, 0, 0, 0}, {plcCoils, 0, 2, 4, 0, 0}}                                                               },
 };
 
 static void testTexts(void)
@@ -87,9 +89,9 @@ static const struct {
     int output;
     const char *error;
 } badTexts[] = {
-    {",", 0, "range 1 \"\": it is empty; allowed: holding|input|coils|discrete start count [at offset] [every ms]"},
-    {"holding 0 1,", 0, "range 2 \"\": it is empty; allowed: holding|input|coils|discrete start count [at offset] [every ms]"},
-    {"holding 0 1, ,", 1, "range 2 \"\": it is empty; allowed: holding|coils start count [at offset]"},
+    {",", 0, "range 1 \"\": it is empty; allowed: holding|input|coils|discrete start count [at offset] [every ms] [unit n]"},
+    {"holding 0 1,", 0, "range 2 \"\": it is empty; allowed: holding|input|coils|discrete start count [at offset] [every ms] [unit n]"},
+    {"holding 0 1, ,", 1, "range 2 \"\": it is empty; allowed: holding|coils start count [at offset] [unit n]"},
     {"registers 0 1", 0, "range 1 \"registers 0 1\": table \"registers\"; allowed: holding, input, coils, discrete"},
     {"hold 0 1", 0, "range 1 \"hold 0 1\": table \"hold\"; allowed: holding, input, coils, discrete"},
     {"holding 0 1, input 0 1", 1, "range 2 \"input 0 1\": table \"input\"; allowed: holding, coils"},
@@ -111,10 +113,10 @@ static const struct {
      "range 1 \"holding 0 1 at 16777215\": it ends behind byte 16777216 of the image; allowed: up to there"},
     {"holding 0 1 every 0", 0, "range 1 \"holding 0 1 every 0\": period \"0\"; allowed: 1 to 3600000 ms"},
     {"holding 0 1 every 3600001", 0, "range 1 \"holding 0 1 every 3600001\": period \"3600001\"; allowed: 1 to 3600000 ms"},
-    {"holding 0 1 each 100", 0, "range 1 \"holding 0 1 each 100\": \"each\"; allowed here: at offset, every ms, each once"},
-    {"holding 0 1 at 0 at 0", 0, "range 1 \"holding 0 1 at 0 at 0\": \"at\"; allowed here: at offset, every ms, each once"},
+    {"holding 0 1 each 100", 0, "range 1 \"holding 0 1 each 100\": \"each\"; allowed here: at offset, every ms, unit n, each once"},
+    {"holding 0 1 at 0 at 0", 0, "range 1 \"holding 0 1 at 0 at 0\": \"at\"; allowed here: at offset, every ms, unit n, each once"},
     {"holding 0 1 every 100", 1,
-     "range 1 \"holding 0 1 every 100\": \"every\"; allowed here: at offset, once (outputs are not polled)"},
+     "range 1 \"holding 0 1 every 100\": \"every\"; allowed here: at offset, unit n, each once (outputs are not polled)"},
     {"holding 0 1; input 0 1", 0, "range 1 \"holding 0 1; input 0 1\": count \"1;\"; allowed: 1 to 65536"},
     {"holding 0 4, input 0 1 at 6", 0,
      "range 2 \"input 0 1 at 6\": its bytes 6 to 7 overlap range 1; allowed: bytes that no other range has"},
@@ -219,29 +221,29 @@ static const struct {
     int count;
     plcRequest requests[6];
 } reads[] = {
-    {"one request", "holding 0 125", 1, {{3, plcHolding, 0, 125, 100}}},
+    {"one request", "holding 0 125", 1, {{3, plcHolding, 0, 125, 100, 0}}},
     {"one register more", "holding 0 126", 2,
-     {{3, plcHolding, 0, 125, 100}, {3, plcHolding, 125, 1, 100}}},
-    {"2000 bits", "coils 1 2000", 1, {{1, plcCoils, 1, 2000, 100}}},
+     {{3, plcHolding, 0, 125, 100, 0}, {3, plcHolding, 125, 1, 100, 0}}},
+    {"2000 bits", "coils 1 2000", 1, {{1, plcCoils, 1, 2000, 100, 0}}},
     {"2001 bits", "discrete 1 2001", 2,
-     {{2, plcDiscrete, 1, 2000, 100}, {2, plcDiscrete, 2001, 1, 100}}},
+     {{2, plcDiscrete, 1, 2000, 100, 0}, {2, plcDiscrete, 2001, 1, 100, 0}}},
     {"side by side in the table, not in the image",
      "holding 0 10, input 0 1, holding 10 10", 2,
-     {{3, plcHolding, 0, 20, 100}, {4, plcInputRegisters, 0, 1, 100}}},
-    {"the other way round", "holding 10 10, holding 0 10", 1, {{3, plcHolding, 0, 20, 100}}},
+     {{3, plcHolding, 0, 20, 100, 0}, {4, plcInputRegisters, 0, 1, 100, 0}}},
+    {"the other way round", "holding 10 10, holding 0 10", 1, {{3, plcHolding, 0, 20, 100, 0}}},
     {"a gap is not read", "holding 0 10, holding 11 10", 2,
-     {{3, plcHolding, 0, 10, 100}, {3, plcHolding, 11, 10, 100}}},
+     {{3, plcHolding, 0, 10, 100, 0}, {3, plcHolding, 11, 10, 100, 0}}},
     {"other periods", "holding 0 10, holding 10 10 every 50", 2,
-     {{3, plcHolding, 0, 10, 100}, {3, plcHolding, 10, 10, 50}}},
+     {{3, plcHolding, 0, 10, 100, 0}, {3, plcHolding, 10, 10, 50, 0}}},
     {"the same registers twice", "input 0 10, input 5 10", 1,
-     {{4, plcInputRegisters, 0, 15, 100}}},
+     {{4, plcInputRegisters, 0, 15, 100, 0}}},
     {"one within the other", "input 0 100, input 5 10, input 100 1", 1,
-     {{4, plcInputRegisters, 0, 101, 100}}},
+     {{4, plcInputRegisters, 0, 101, 100, 0}}},
     {"each table for itself", "holding 0 1, input 1 1, coils 2 1, discrete 3 1", 4,
-     {{3, plcHolding, 0, 1, 100}, {4, plcInputRegisters, 1, 1, 100},
-      {1, plcCoils, 2, 1, 100}, {2, plcDiscrete, 3, 1, 100}}},
+     {{3, plcHolding, 0, 1, 100, 0}, {4, plcInputRegisters, 1, 1, 100, 0},
+      {1, plcCoils, 2, 1, 100, 0}, {2, plcDiscrete, 3, 1, 100, 0}}},
     {"the end of the table", "holding 65400 136", 2,
-     {{3, plcHolding, 65400, 125, 100}, {3, plcHolding, 65525, 11, 100}}},
+     {{3, plcHolding, 65400, 125, 100, 0}, {3, plcHolding, 65525, 11, 100, 0}}},
 };
 
 static void testReads(void)
@@ -254,7 +256,7 @@ static void testReads(void)
         size_t size;
         char error[200] = "";
         int count = plcRangesParse(reads[i].ranges, 0, &ranges, &size, error, sizeof(error));
-        int j, good, made = (int)plcPlanReads(ranges, count, NULL, &requests);
+        int j, good, made = (int)plcPlanReads(ranges, count, NULL, standard, &requests);
 
         good = made == reads[i].count;
         for (j = 0; good && j < made; j++) {
@@ -281,8 +283,8 @@ static void test2000(void)
         unsigned i, made, largest = 0;
 
         for (i = 0; i < 8; i++)
-            ranges[i] = (plcRange){plcHolding, i * (250 + gap), 250, i * 500, 100};
-        made = plcPlanReads(ranges, 8, NULL, &requests);
+            ranges[i] = (plcRange){plcHolding, i * (250 + gap), 250, i * 500, 100, 0};
+        made = plcPlanReads(ranges, 8, NULL, standard, &requests);
         for (i = 0; i < made; i++)
             largest = requests[i].count > largest ? requests[i].count : largest;
         testOk(made == 16 && largest == 125, "2000 registers in 8 ranges %u apart: %u requests",
@@ -479,7 +481,7 @@ static void testRandomReads(int glued, unsigned longest, int rounds)
 
         if (glued)
             addGlue(&w, longest);
-        made = plcPlanReads(w.ranges, w.count, glued ? w.glue : NULL, &requests);
+        made = plcPlanReads(w.ranges, w.count, glued ? w.glue : NULL, standard, &requests);
         for (i = 0; i < 8 && !wrong; i++)
             wrong = checkTable(&w, glued, (plcTable)(i % 4), 100 * (1 + i / 4), requests, made);
         if (made > largest)
@@ -503,21 +505,21 @@ static const struct {
     int requests;
     plcRequest expected[3];
 } writes[] = {
-    {"one register",                   5,   1,   999, 0, 1, {{16, plcHolding, 5, 1, 0}}                             },
-    {"one register, singleWrite",      5,   1,   999, 1, 1, {{6, plcHolding, 5, 1, 0}}                              },
-    {"two registers",                  5,   2,   999, 1, 1, {{16, plcHolding, 5, 2, 0}}                             },
-    {"123 registers",                  0,   123, 999, 0, 1, {{16, plcHolding, 0, 123, 0}}                           },
-    {"124 registers",                  0,   124, 999, 0, 2, {{16, plcHolding, 0, 123, 0}, {16, plcHolding, 123, 1, 0}}},
-    {"124 registers, singleWrite",     0,   124, 999, 1, 2, {{16, plcHolding, 0, 123, 0}, {6, plcHolding, 123, 1, 0}}},
-    {"a bit",                          0,   0,   7,   0, 1, {{22, plcHolding, 7, 1, 0}}                             },
-    {"a bit, singleWrite",             0,   0,   7,   1, 1, {{22, plcHolding, 7, 1, 0}}                             },
+    {"one register",                   5,   1,   999, 0, 1, {{16, plcHolding, 5, 1, 0, 0}}                             },
+    {"one register, singleWrite",      5,   1,   999, 1, 1, {{6, plcHolding, 5, 1, 0, 0}}                              },
+    {"two registers",                  5,   2,   999, 1, 1, {{16, plcHolding, 5, 2, 0, 0}}                             },
+    {"123 registers",                  0,   123, 999, 0, 1, {{16, plcHolding, 0, 123, 0, 0}}                           },
+    {"124 registers",                  0,   124, 999, 0, 2, {{16, plcHolding, 0, 123, 0, 0}, {16, plcHolding, 123, 1, 0, 0}}},
+    {"124 registers, singleWrite",     0,   124, 999, 1, 2, {{16, plcHolding, 0, 123, 0, 0}, {6, plcHolding, 123, 1, 0, 0}}},
+    {"a bit",                          0,   0,   7,   0, 1, {{22, plcHolding, 7, 1, 0, 0}}                             },
+    {"a bit, singleWrite",             0,   0,   7,   1, 1, {{22, plcHolding, 7, 1, 0, 0}}                             },
     {"a bit between registers",        0,   9,   4,   0, 3,
-     {{16, plcHolding, 0, 4, 0}, {22, plcHolding, 4, 1, 0}, {16, plcHolding, 5, 4, 0}}                              },
+     {{16, plcHolding, 0, 4, 0, 0}, {22, plcHolding, 4, 1, 0, 0}, {16, plcHolding, 5, 4, 0, 0}}                              },
 };
 
 static void testWrites(void)
 {
-    plcRange range = {plcHolding, 0, 1000, 0, 0};
+    plcRange range = {plcHolding, 0, 1000, 0, 0, 0};
     epicsUInt8 mask[2000];
     size_t i;
 
@@ -530,7 +532,7 @@ static void testWrites(void)
         memset(mask + writes[i].part * 2, 0, 2);
         if (writes[i].part < 999)
             mask[writes[i].part * 2] = 0x10;
-        made = (int)plcPlanWrites(&range, 1, mask, NULL, writes[i].single, &requests);
+        made = (int)plcPlanWrites(&range, 1, mask, NULL, standard, writes[i].single, &requests);
         good = made == writes[i].requests;
         for (j = 0; good && j < made; j++)
             good = requests[j].function == writes[i].expected[j].function &&
@@ -545,25 +547,25 @@ static void testWrites(void)
 static void testSideBySide(void)
 {
     static const plcRange ranges[] = {
-        {plcHolding, 100, 2, 0, 0}, {plcCoils, 0, 8, 4, 0}, {plcHolding, 102, 2, 6, 0},
-        {plcCoils, 8, 8, 10, 0}, {plcDiscrete, 0, 8, 11, 0}};
+        {plcHolding, 100, 2, 0, 0, 0}, {plcCoils, 0, 8, 4, 0, 0}, {plcHolding, 102, 2, 6, 0, 0},
+        {plcCoils, 8, 8, 10, 0, 0}, {plcDiscrete, 0, 8, 11, 0, 0}};
     epicsUInt8 mask[12];
     plcRequest *requests;
     unsigned made;
 
     memset(mask, 0xff, sizeof(mask));
-    made = plcPlanWrites(ranges, 5, mask, NULL, 0, &requests);
+    made = plcPlanWrites(ranges, 5, mask, NULL, standard, 0, &requests);
     testOk(made == 2 && requests[0].function == 16 && requests[0].start == 100 &&
                requests[0].count == 4 && requests[1].function == 15 &&
                requests[1].start == 0 && requests[1].count == 16,
            "side by side in the table, not in the image: one request each");
     free(requests);
     memset(mask, 0, sizeof(mask));
-    made = plcPlanWrites(ranges, 5, mask, NULL, 0, &requests);
+    made = plcPlanWrites(ranges, 5, mask, NULL, standard, 0, &requests);
     testOk(made == 0, "nothing to write: no request");
     free(requests);
     mask[4] = 0x80;
-    made = plcPlanWrites(ranges, 5, mask, NULL, 1, &requests);
+    made = plcPlanWrites(ranges, 5, mask, NULL, standard, 1, &requests);
     testOk(made == 1 && requests[0].function == 5 && requests[0].start == 7 &&
                requests[0].count == 1, "one coil, singleWrite");
     free(requests);
@@ -662,7 +664,7 @@ static void testRandomWrites(int rounds)
                 else
                     inRange[bit / 8] = inRange[bit / 8 + 1] = 0xff;
             }
-        made = plcPlanWrites(w.ranges, w.count, mask, glued ? w.glue : NULL, single, &requests);
+        made = plcPlanWrites(w.ranges, w.count, mask, glued ? w.glue : NULL, standard, single, &requests);
         for (i = 0; i < made && !wrong; i++)
             wrong = checkWrite(&w, &requests[i], mask, covered, single);
         for (k = 0; k < w.size && !wrong; k++)
@@ -731,7 +733,7 @@ static void testHalves(int rounds)
     for (round = 0; round < rounds && !wrong; round++) {
         world w = makeWorld(1, worldSize);
         const plcRange *r = &w.ranges[randomBelow(w.count)];
-        plcRequest q = {r->table == plcCoils ? 15 : 16, r->table, r->start, r->count, 0};
+        plcRequest q = {r->table == plcCoils ? 15 : 16, r->table, r->start, r->count, 0, 0};
         unsigned at = r->start, glued = round % 2;
 
         if (glued)
@@ -747,13 +749,13 @@ static void testHalves(int rounds)
 
 static void testHalfOf(void)
 {
-    static const plcRange registers = {plcHolding, 10, 4, 0, 0}, coils = {plcCoils, 0, 16, 0, 0};
+    static const plcRange registers = {plcHolding, 10, 4, 0, 0, 0}, coils = {plcCoils, 0, 16, 0, 0, 0};
     static const epicsUInt8 late[8] = {0, 1, 0, 1, 0, 1, 0, 1}, /* four registers */
         real[8] = {0, 1, 1, 1, 0, 1, 0, 1},                     /* 32 bits and two of 16 */
         all[8] = {0, 1, 1, 1, 1, 1, 1, 1}, behind[8] = {0, 1, 1, 1, 1, 1, 0, 0};
     static const epicsUInt8 word[2] = {0, 1}, bytes[2] = {0, 0};
-    plcRequest q = {16, plcHolding, 10, 4, 0}, bits = {15, plcCoils, 0, 16, 0}, halves[2];
-    plcRequest byte = {15, plcCoils, 0, 8, 0}, one = {16, plcHolding, 10, 1, 0};
+    plcRequest q = {16, plcHolding, 10, 4, 0, 0}, bits = {15, plcCoils, 0, 16, 0, 0}, halves[2];
+    plcRequest byte = {15, plcCoils, 0, 8, 0, 0}, one = {16, plcHolding, 10, 1, 0, 0};
 
     testOk(plcPlanHalve(&registers, 1, late, &q, halves) && halves[0].count == 2,
            "four registers: in the middle");
@@ -775,9 +777,9 @@ static void testHalfOf(void)
 static void testPieces(void)
 {
     static const plcRange ranges[] = {
-        {plcHolding, 100, 10, 40, 100}, {plcHolding, 110, 10, 0, 100},
-        {plcHolding, 100, 20, 60, 500}, {plcCoils, 3, 20, 100, 100}};
-    plcRequest registers = {3, plcHolding, 105, 10, 100}, bits = {1, plcCoils, 13, 5, 100};
+        {plcHolding, 100, 10, 40, 100, 0}, {plcHolding, 110, 10, 0, 100, 0},
+        {plcHolding, 100, 20, 60, 500, 0}, {plcCoils, 3, 20, 100, 100, 0}};
+    plcRequest registers = {3, plcHolding, 105, 10, 100, 0}, bits = {1, plcCoils, 13, 5, 100, 0};
     plcPiece pieces[4];
     unsigned count = plcPlanPieces(ranges, 4, &registers, pieces, 4);
 

@@ -21,6 +21,8 @@ enum { plcCompleteAcknowledged, plcCompleteSent }; /* complete= */
 enum { plcWritesNewest, plcWritesAll };    /* writes= */
 
 enum { plcLogError, plcLogWarning, plcLogInfo, plcLogIo }; /* log= */
+enum { plcCheckStrict, plcCheckAnyUnit, plcCheckAnyTransaction, plcCheckLoose }; /* check= */
+enum { plcFramingTcp, plcFramingRtu };     /* framing= */
 
 #define PLC_OFF (-1.0) /* an option with an offset or a register, not in use */
 
@@ -57,6 +59,11 @@ typedef struct plcOptions {
     int log;               /* plcLogError, ... */
     int logTime;           /* 0 or 1 */
     double readPeriod;     /* ms, 0 = only at connect; of transports with requests */
+    double maxRegisters;   /* in one request */
+    double maxBits;        /* the same of coils and discrete inputs */
+    double requestPause;   /* ms between an answer and the next request, 0 = none */
+    int check;             /* plcCheckStrict, ... */
+    int modbusFraming;     /* plcFramingTcp, plcFramingRtu */
 } plcOptions;
 
 void plcOptionsDefault(plcOptions *options);

@@ -1,0 +1,281 @@
+"""Devices as they are: each habit of a Modbus device is read and written, with the log quiet."""
+import socket
+import struct
+import threading
+
+import pytest
+
+from waiting import until, until_equal
+
+DB = """
+record(longin, "$(P)in") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT16") field(SCAN, "I/O Intr") }
+record(longin, "$(P)last") { field(DTYP, "S7plc") field(INP, "@PLC/198 T=INT16") field(SCAN, "I/O Intr") }
+record(longout, "$(P)out") { field(DTYP, "S7plc") field(OUT, "@PLC/0 T=INT16") }
+record(longout, "$(P)far") { field(DTYP, "S7plc") field(OUT, "@PLC/78 T=INT16") }
+record(longin, "$(P)losses") { field(DTYP, "S7plc stats") field(INP, "@PLC/disconnects") field(SCAN, ".1 second") }
+"""
+
+
+def start(plc, new_ioc, *options, inputs="holding 0 100 every 50", outputs="holding 200 40", db=DB, unit=1):
+    lines = [plc.configure(inputs, outputs, unit=unit)] + [f"s7plcSetOption PLC {o}" for o in options]
+    ioc = new_ioc("\n".join(lines), db)
+    ioc.wait_log("connected")
+    return ioc
+
+
+def use(plc, ioc, rounds=5):
+    """Reads and writes, again and again."""
+    for value in range(1, rounds + 1):
+        plc.holding[0] = plc.holding[99] = value
+        ioc.wait_value("in", value)
+        ioc.wait_value("last", value)
+        ioc.put("out", 100 + value)
+        ioc.put("far", 200 + value)
+        until_equal(lambda: (plc.holding[200], plc.holding[239]), (100 + value, 200 + value))
+        assert ioc.severity("in") == ioc.severity("out") == ioc.severity("far") == "NO_ALARM"
+
+
+def quiet(ioc, losses=0):
+    """No word in the log after the connection, and no loss."""
+    log = ioc.log
+    assert "disconnected" not in log and "read of" not in log and "cannot" not in log, log[-600:]
+    assert ioc.get("losses") == losses
+
+
+def after_each_answer(plc):
+    """Closes each connection behind its first answer."""
+    def mangle(request, frame):
+        handler = plc.handlers[-1]
+        plc.loop.call_soon(lambda: (handler.send(frame), handler.drop(reset=False)))
+        return b""
+    plc.mangle = mangle
+
+
+def test_closes_after_each_answer(new_modbus, new_ioc):
+    """a device that closes after each answer is read and written: no alarm, no word in the log"""
+    plc = new_modbus()
+    after_each_answer(plc)
+    ioc = start(plc, new_ioc, "readPeriod 100")
+    use(plc, ioc)
+    assert plc.connections > 20
+    quiet(ioc)
+
+
+def test_closes_when_idle(new_modbus, new_ioc):
+    """a device that closes when nobody asks: the next request has a connection, no alarm, no word"""
+    plc = new_modbus()
+    ioc = start(plc, new_ioc, "readPeriod 0", inputs="",
+                db="\n".join(line for line in DB.splitlines() if "INP" not in line or "stats" in line))
+    for value in range(1, 6):
+        count = plc.connections
+        plc.hang_up()
+        until(lambda: all(h.ended for h in plc.handlers), "the end of all connections")
+        ioc.put("out", value)
+        until_equal(lambda: plc.holding[200], value)
+        assert plc.connections == count + 1
+        assert ioc.severity("out") == "NO_ALARM"
+    quiet(ioc)
+
+
+def test_answers_twice(new_modbus, new_ioc):
+    """a device that answers everything twice: the second answer is dropped"""
+    plc = new_modbus()
+    plc.mangle = lambda request, frame: frame + frame
+    ioc = start(plc, new_ioc)
+    use(plc, ioc)
+    assert plc.connections == 1
+    quiet(ioc)
+
+
+@pytest.mark.parametrize("option,offset", [("anyUnit", 6), ("anyTransaction", 1), ("loose", 6), ("loose", 1)])
+def test_wrong_numbers(new_modbus, new_ioc, option, offset):
+    """check={option}: answers with another number in byte {offset} of the header are taken"""
+    plc = new_modbus()
+    plc.mangle = lambda request, frame: frame[:offset] + bytes([(frame[offset] + 9) % 256]) + frame[offset + 1:]
+    ioc = start(plc, new_ioc, f"check {option}")
+    use(plc, ioc)
+    quiet(ioc)
+
+
+def test_units(new_modbus, new_ioc):
+    """three units behind one connection: each range asks its unit; one that is silent hurts nobody else"""
+    plc = new_modbus()
+    silent = set()
+    plc.mangle = lambda request, frame: b"" if request.unit in silent else frame
+    db = "\n".join(f"""
+        record(longin, "$(P)in{u}") {{ field(DTYP, "S7plc") field(INP, "@PLC/{4 * u} T=INT16") field(SCAN, "I/O Intr") }}
+        record(longout, "$(P)out{u}") {{ field(DTYP, "S7plc") field(OUT, "@PLC/{4 * u} T=INT16") }}""" for u in range(3))
+    ioc = start(plc, new_ioc, inputs="holding 0 2 every 50, holding 10 2 every 50 unit 2, holding 20 2 every 50 unit 3",
+                outputs="holding 100 2, holding 100 2 unit 2, holding 100 2 unit 3", db=db)
+    for u in range(3):
+        plc.holding[10 * u] = 7 + u
+        ioc.wait_value(f"in{u}", 7 + u)
+        mark = plc.mark()
+        ioc.put(f"out{u}", 50 + u)
+        assert [(r.unit, r.start) for r in plc.writes(mark)] == [(u + 1, 100)]
+    assert {(r.unit, r.start) for r in plc.since(0, 3) if r.start < 100} == {(1, 0), (2, 10), (3, 20)}
+    assert plc.connections == 1
+
+
+def test_silent_unit(new_modbus, new_ioc):
+    """one of three units does not answer: its records say so, the others go on, on the same connection"""
+    plc = new_modbus()
+    db = "\n".join(f"""
+        record(longin, "$(P)in{u}") {{ field(DTYP, "S7plc") field(INP, "@PLC/{4 * u} T=INT16") field(SCAN, "I/O Intr") }}"""
+                   for u in range(3))
+    lines = plc.configure("holding 0 2 every 50, holding 10 2 every 50 unit 2, holding 20 2 every 50 unit 3",
+                          "", timeout=200)
+    ioc = new_ioc(lines, db)
+    plc.holding[0] = 1
+    ioc.wait_value("in0", 1)
+    plc.mangle = lambda request, frame: b"" if request.unit == 2 else frame
+    ioc.wait_alarm("in1", "INVALID", "READ", "no answer")
+    plc.holding[0] = plc.holding[20] = 5
+    ioc.wait_value("in0", 5)
+    ioc.wait_value("in2", 5)
+    assert ioc.severity("in0") == ioc.severity("in2") == "NO_ALARM"
+    plc.mangle = None
+    plc.holding[10] = 6
+    ioc.wait_value("in1", 6)
+    ioc.wait_alarm("in1", "NO_ALARM")
+    assert plc.connections == 1
+
+
+def test_at_most_32(new_modbus, new_ioc):
+    """a device with at most 32 registers in a request, by exception: it is asked for less from then on"""
+    plc = new_modbus()
+    plc.judge = lambda request: 3 if request.count > 32 else 0
+    ioc = start(plc, new_ioc)
+    use(plc, ioc)
+    mark = plc.mark()
+    plc.wait_requests(20, mark)
+    assert all(r.count <= 32 for r in plc.since(mark))
+    quiet(ioc)
+
+
+def test_at_most_32_by_silence(new_modbus, new_ioc):
+    """the same by silence: with maxRegisters it never comes to that"""
+    plc = new_modbus()
+    plc.mangle = lambda request, frame: b"" if request.count > 32 else frame
+    ioc = start(plc, new_ioc, "maxRegisters 32")
+    use(plc, ioc)
+    assert plc.connections == 1 and all(r.count <= 32 for r in plc.since())
+    quiet(ioc)
+
+
+def test_silence_splits(new_modbus, new_ioc):
+    """two ranges of the user that are silent when read together are read apart after the first loss"""
+    plc = new_modbus()
+    plc.mangle = lambda request, frame: b"" if request.count > 50 else frame
+    ioc = start(plc, new_ioc, "requestTimeout 200", inputs="holding 0 50 every 50, holding 50 50 every 50")
+    use(plc, ioc)
+    assert plc.connections == 2
+
+
+def test_holes(new_modbus, new_ioc):
+    """a device with holes: their registers are INVALID and named once, all others are read"""
+    plc = new_modbus()
+    plc.refuse(3, 40, 3)
+    plc.refuse(3, 77, 1)
+    db = DB + "\n".join(f'record(longin, "$(P)h{n}") {{ field(DTYP, "S7plc") field(INP, "@PLC/{2 * n} T=INT16") '
+                        f'field(SCAN, "I/O Intr") }}' for n in (39, 40, 42, 43, 76, 77, 78))
+    ioc = start(plc, new_ioc, db=db)
+    for n in (40, 42, 77):
+        ioc.wait_alarm(f"h{n}", "INVALID", "READ", "exception 2")
+    use(plc, ioc)
+    for n in (39, 43, 76, 78):
+        assert ioc.severity(f"h{n}") == "NO_ALARM"
+    ioc.wait_log("read of holding 40 to 42: PLC: exception 2")
+    assert ioc.log_count("read of") == 1
+    mark = plc.mark()
+    plc.wait_requests(60, mark)
+    # as few requests as that allows: no register of a hole is asked for by itself
+    assert (3, 40, 3) in {r.key for r in plc.since(mark)}
+
+
+def test_only_fc6(new_modbus, new_ioc):
+    """a device without FC16: the hint, and with singleWrite=on a value of 32 bits leaves as two FC6"""
+    plc = new_modbus()
+    plc.without(16)
+    ioc = start(plc, new_ioc, db=DB + 'record(longout, "$(P)long") { field(DTYP, "S7plc") field(OUT, "@PLC/20 T=INT32") }')
+    ioc.put("long", 0x12345678)
+    ioc.wait_alarm("long", "INVALID", "WRITE", "set singleWrite=on")
+    ioc.command("s7plcSetOption PLC singleWrite on")
+    ioc.put("long", 0x12345679)
+    assert plc.holding[210:212] == [0x1234, 0x5679]
+    mark = plc.mark()
+    ioc.put("long", 0x1234567A)
+    assert [(r.function, r.start) for r in plc.writes(mark)] == [(6, 210), (6, 211)]
+    ioc.wait_alarm("long", "NO_ALARM")
+
+
+def test_pause(new_modbus, new_ioc):
+    """requestPause: no request sooner than that after an answer"""
+    plc = new_modbus()
+    ioc = start(plc, new_ioc, "requestPause 30", inputs="holding 0 100 every 10, coils 0 8 every 10")
+    use(plc, ioc, 2)
+    times = [r.time for r in plc.since()]
+    assert min(b - a for a, b in zip(times, times[1:])) >= 0.029
+
+
+class RtuDevice:
+    """RTU frames over TCP: holding registers, FC3 and FC16, with a CRC of its own (bit by bit)."""
+
+    def __init__(self):
+        self.holding, self.bad = [0] * 300, []
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self.listener.getsockname()[1]
+        threading.Thread(target=self.run, daemon=True).start()
+
+    @staticmethod
+    def crc(data):
+        crc = 0xFFFF
+        for byte in data:
+            crc ^= byte
+            for _ in range(8):
+                crc = crc >> 1 ^ (0xA001 if crc & 1 else 0)
+        return struct.pack("<H", crc)
+
+    def answer(self, frame):
+        unit, function, start, count = struct.unpack(">BBHH", frame[:6])
+        if self.crc(frame[:-2]) != frame[-2:]:
+            self.bad.append(frame)
+        if function == 3:
+            data = struct.pack(f">{count}H", *self.holding[start:start + count])
+            body = struct.pack(">BBB", unit, 3, len(data)) + data
+        else:
+            self.holding[start:start + count] = struct.unpack(f">{count}H", frame[7:7 + 2 * count])
+            body = frame[:6]
+        return body + self.crc(body)
+
+    def run(self):
+        while True:
+            try:
+                sock, _ = self.listener.accept()
+            except OSError:
+                return
+            buffer = b""
+            while data := sock.recv(4096):
+                buffer += data
+                while len(buffer) >= 8 and len(buffer) >= (size := 8 if buffer[1] == 3 else 9 + buffer[6]):
+                    sock.sendall(self.answer(buffer[:size]))
+                    buffer = buffer[size:]
+
+    def close(self):
+        self.listener.close()
+
+
+def test_rtu(closing, new_ioc):
+    """framing=rtu: requests and answers with a CRC and no header"""
+    plc = RtuDevice()
+    closing(plc)
+    ioc = new_ioc(f'modbusplcConfigure("PLC", "127.0.0.1", {plc.port}, 17, "holding 0 100 every 50", "holding 200 40")\n'
+                  "s7plcSetOption PLC framing rtu", DB)
+    use(plc, ioc)
+    assert not plc.bad
+    quiet(ioc)
+
+
+def test_rtu_crc():
+    """the CRC of the standard's own example: 02 07 has 41 12"""
+    assert RtuDevice.crc(b"\x02\x07") == b"\x41\x12"
