@@ -106,7 +106,7 @@ static const struct {
     const char *title, *name, *link, *text, *amsg;
 } refused[] = {
     {"an unknown name", "bad:name", "@P/blocksInn", "no statistic \"blocksInn\" for ai; "
-     "allowed: connected alive state leader inSize", "no statistic \"blocksInn\" for ai"},
+     "allowed: connected alive state stateTime leader inSize", "no statistic \"blocksInn\" for ai"},
     {"a text on a number", "bad:kind", "@P/lastError", "no statistic \"lastError\" for ai",
      "no statistic \"lastError\" for ai"},
     {"an unknown PLC", "bad:plc", "@Q/blocksIn", "no PLC \"Q\"; configured: P",

@@ -10,6 +10,7 @@
 #include <aiRecord.h>
 #include <alarm.h>
 #include <biRecord.h>
+#include <boRecord.h>
 #include <epicsStdio.h>
 #include <int64inRecord.h>
 #include <longinRecord.h>
@@ -39,6 +40,7 @@ static const struct {
     {"lsi",      plcStatNumber | plcStatText },
     {"waveform", plcStatArray                },
     {"aai",      plcStatArray                },
+    {"bo",       plcStatOrder                },
 };
 
 static unsigned kindsOf(const char *recordType)
@@ -137,6 +139,25 @@ static long readBi(dbCommon *common)
     return 0;
 }
 
+/* A state with an alarm says why, for who sees only the alarm: the record would raise it
+ * without words. */
+static void sayReason(mbbiRecord *prec)
+{
+#ifdef HAS_ALARM_MESSAGE
+    const devRecord *dev = prec->dpvt;
+    const epicsEnum16 *severities = &prec->zrsv;
+    char reason[PLC_REASON_SIZE];
+
+    if (strcmp(dev->statistic->name, "state") || prec->val > 15)
+        return;
+    plcImageReason(plcStationInput(dev->station), reason);
+    if (severities[prec->val] != NO_ALARM && reason[0])
+        recGblSetSevrMsg(prec, STATE_ALARM, severities[prec->val], "%s", reason);
+#else
+    (void)prec;
+#endif
+}
+
 /* VAL directly: the texts are ZRST and so on, whether there are ..VL or not. */
 static long readMbbi(dbCommon *common)
 {
@@ -145,6 +166,7 @@ static long readMbbi(dbCommon *common)
     if (get(common, &value))
         return -1;
     ((mbbiRecord *)common)->val = (epicsEnum16)value.integer;
+    sayReason((mbbiRecord *)common);
     return 2;
 }
 
@@ -168,6 +190,19 @@ static long readLsi(dbCommon *common)
         return -1;
     epicsSnprintf(prec->val, prec->sizv, "%s", value.text);
     prec->len = (epicsUInt32)strlen(prec->val) + 1;
+    return 0;
+}
+
+/* An order: 1 does it, 0 does nothing. */
+static long writeBo(dbCommon *common)
+{
+    const devRecord *dev = devOf(common);
+
+    if (!dev)
+        return -1;
+    devStampNow(common);
+    if (((boRecord *)common)->val)
+        plcStatDo(dev->statistic, dev->station);
     return 0;
 }
 
@@ -253,6 +288,8 @@ const devSupport devS7plcStatsStringin = ROW(readStringin, NULL, "stringin");
 const devSupport devS7plcStatsLsi      = ROW(readLsi,      NULL, "lsi");
 const devSupport devS7plcStatsWaveform = ROW(readWaveform, NULL, "waveform");
 const devSupport devS7plcStatsAai      = ROW(readAai,      NULL, "aai");
+const devSupport devS7plcStatsBo = {{6, NULL, devInit, devInitRecord, NULL}, writeBo, NULL,
+    "S7plc stats", "OUT", devStatistics, {"bo", 0, 0, 0, NULL}, 2, NULL, NULL, DEV_READS};
 /* clang-format on */
 
 epicsExportAddress(dset, devS7plcStatsAi);
@@ -264,3 +301,4 @@ epicsExportAddress(dset, devS7plcStatsStringin);
 epicsExportAddress(dset, devS7plcStatsLsi);
 epicsExportAddress(dset, devS7plcStatsWaveform);
 epicsExportAddress(dset, devS7plcStatsAai);
+epicsExportAddress(dset, devS7plcStatsBo);

@@ -109,6 +109,81 @@ GETTER(getOptions)
     plcStationOptionsText(station, value->text, sizeof(value->text));
 }
 
+GETTER(getName)
+{
+    (void)row, (void)stats;
+    epicsSnprintf(value->text, sizeof(value->text), "%s", plcStationName(station));
+}
+
+GETTER(getFirst)
+{
+    (void)row, (void)stats;
+    plcStationLineAddress(station, 0, value->text, sizeof(value->text));
+}
+
+GETTER(getSecond)
+{
+    (void)row, (void)stats;
+    plcStationLineAddress(station, 1, value->text, sizeof(value->text));
+}
+
+/* What becomes of a put, whatever the wire and the policy are. */
+enum { putsNoOutput, putsPass, putsWait, putsLocal, putsMismatch, putsRefused, putsNone };
+
+static int putsSynced(const plcStats *stats)
+{
+    switch (stats->syncState) {
+    case plcSyncSynced:
+        return putsPass;
+    case plcSyncLocal:
+        return putsLocal;
+    case plcSyncLayoutMismatch:
+    case plcSyncMapMismatch:
+        return putsMismatch;
+    case plcSyncDisconnected:
+        return putsNoOutput;
+    default:
+        return putsWait;
+    }
+}
+
+GETTER(getSetpoints)
+{
+    plcFaults *faults = plcStationOutFaults(station);
+    size_t size = plcStationOutSize(station);
+    char why[PLC_REASON_SIZE];
+
+    (void)row;
+    if (size == 0)
+        value->integer = putsNone;
+    else if (plcStationHeader(station))
+        value->integer = putsSynced(stats);
+    else if (!stats->outputConnected)
+        value->integer = putsNoOutput;
+    else if (stats->state == plcStateLayout)
+        value->integer = putsMismatch;
+    else if (plcStationHeld(station))
+        value->integer = putsWait;
+    else if (faults && plcFaultsFind(faults, 0, size, NULL, why))
+        value->integer = putsRefused;
+    else
+        value->integer = putsPass;
+}
+
+/* --- Orders ------------------------------------------------------------------------------ */
+
+GETTER(doReset)
+{
+    (void)row, (void)stats, (void)value;
+    plcStationStatsReset(station);
+}
+
+GETTER(doSend)
+{
+    (void)row, (void)stats, (void)value;
+    plcStationSend(station);
+}
+
 GETTER(getInSize)
 {
     (void)row, (void)stats;
@@ -136,12 +211,24 @@ const plcStatRow plcStatRows[] = {
      "6 no PRIMARY, 7 layout mismatch"},
     {"stateText",        plcStatText,    getStateText, 0,                   "",
      "the same in words"},
+    {"stateTime",        plcStatReal,    getAge,       AT(stateSince),      "s",
+     "how long it has been in this state"},
+    {"lostTime",         plcStatText,    getStamp,     AT(lostTime),        "",
+     "when valid data was last lost; empty: never"},
     {"reason",           plcStatText,    getReason,    0,                   "",
      "why the data is not valid; empty while it is"},
     {"lastError",        plcStatText,    getText,      AT(lastError),       "",
      "why the connection was lost or not made the last time"},
+    {"lastErrorTime",    plcStatText,    getStamp,     AT(lastErrorTime),   "",
+     "when that was"},
+    {"name",             plcStatText,    getName,      0,                   "",
+     "name of the PLC"},
     {"address",          plcStatText,    getAddress,   0,                   "",
      "host:port"},
+    {"addressFirst",     plcStatText,    getFirst,     0,                   "",
+     "the same, of the FIRST of a pair; of a single PLC its address"},
+    {"addressSecond",    plcStatText,    getSecond,    0,                   "",
+     "of the SECOND of a pair; empty: there is none"},
     {"options",          plcStatText,    getOptions,   0,                   "",
      "options that are not at their default"},
     {"leader",           plcStatInteger, getInt,       AT(leader),          "",
@@ -230,6 +317,9 @@ const plcStatRow plcStatRows[] = {
      "connections lost; each is made again"},
     {"connectErrors",    plcStatInteger, getCount,     AT(connectErrors),   "",
      "attempts to connect that failed"},
+    {"setpoints",        plcStatInteger, getSetpoints, 0,                   "",
+     "what becomes of puts: 0 no output, 1 they pass, 2 they wait for the PLC, 3 LOCAL, "
+     "4 layout or map mismatch, 5 the PLC has refused some, 6 there are none"},
     {"outputConnected",  plcStatInteger, getInt,       AT(outputConnected), "",
      "1 while outputs go somewhere; over another wire that may be another connection"},
     {"putsWaiting",      plcStatInteger, getInt,       AT(putsWaiting),     "",
@@ -274,6 +364,10 @@ const plcStatRow plcStatRows[] = {
      "passes in each bin of scanLatency"},
     {"histogramBins",    plcStatArray,   NULL,         0,                   "ms",
      "where each bin of the histograms begins: their x axis"},
+    {"reset",            plcStatOrder,   doReset,      0,                   "",
+     "counters and measured times begin anew"},
+    {"send",             plcStatOrder,   doSend,       0,                   "",
+     "the output block leaves now, changed or not"},
     {NULL,               plcStatText,    NULL,         0,                   NULL, NULL},
 };
 /* clang-format on */
@@ -316,6 +410,13 @@ void plcStatGet(const plcStatRow *row, plcStation *station, plcStatValue *value)
         value->integer = (epicsInt64)floor(value->real + 0.5);
         epicsSnprintf(value->text, sizeof(value->text), "%.6g", value->real);
     }
+}
+
+void plcStatDo(const plcStatRow *row, plcStation *station)
+{
+    plcStatValue value;
+
+    row->get(row, station, NULL, &value);
 }
 
 size_t plcStatGetArray(const plcStatRow *row, plcStation *station, double *values,

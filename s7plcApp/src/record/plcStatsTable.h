@@ -16,7 +16,8 @@ typedef enum { /* bits, so that a set of allowed kinds is a mask */
     plcStatInteger = 1,
     plcStatReal = 2,
     plcStatText = 4,
-    plcStatArray = 8
+    plcStatArray = 8,
+    plcStatOrder = 16 /* no value: a put does something */
 } plcStatKind;
 
 #define plcStatNumber (plcStatInteger | plcStatReal)
@@ -49,6 +50,9 @@ void plcStatNames(unsigned kinds, char *text, size_t size);
 
 /* The value now, of a row that is no array. Any thread. */
 void plcStatGet(const plcStatRow *row, plcStation *station, plcStatValue *value);
+
+/* Does what an order says (plcStatOrder). Any thread. */
+void plcStatDo(const plcStatRow *row, plcStation *station);
 
 /* Fills in at most `room` values of an array row. Returns their number. Any thread. */
 size_t plcStatGetArray(const plcStatRow *row, plcStation *station, double *values,

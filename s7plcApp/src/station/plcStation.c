@@ -221,6 +221,7 @@ plcStation *plcStationCreate(const plcStationConfig *config)
     s->optionsChanged = 1;
     s->leader = s->lastLeader = s->stats.leader = -1;
     s->stats.state = config->address[0][0] ? plcStateConnecting : plcStateNoAddress;
+    s->stats.stateSince = epicsMonotonicGet();
     epicsSnprintf(s->reason, sizeof(s->reason), "not connected yet");
     s->lineCount = s->policy->links;
     for (i = 0; i < s->lineCount; i++)

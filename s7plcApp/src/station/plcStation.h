@@ -237,6 +237,10 @@ plcUsers *plcStationUsers(plcStation *station);
  * the connection and connects anew at once. `text` is host[:port]. Returns 0 or -1 with the
  * message in error. */
 void plcStationAddress(plcStation *station, char *text, size_t size);
+
+/* The same for one connection of a pair: 0 FIRST, 1 SECOND; "" where there is none. */
+void plcStationLineAddress(plcStation *station, unsigned line, char *text, size_t size);
+
 int plcStationMove(plcStation *station, const char *text, char *error, size_t size);
 
 /* A line in the log of this PLC; transitions only, at most some per minute pass, the rest

@@ -315,6 +315,40 @@ void plcStationAddress(plcStation *s, char *text, size_t size)
     epicsMutexUnlock(s->lock);
 }
 
+/* "192.168.1.2" plus 1. Names are left as they are: nothing here may wait for DNS. */
+static void plusText(const char *host, int plus, char *text, size_t size)
+{
+    struct sockaddr_in address;
+    char dotted[32];
+
+    epicsSnprintf(text, size, "%s", host);
+    if (plus == 0)
+        return;
+    if (strspn(host, "0123456789.") < strlen(host) || aToIPAddr(host, 1, &address)) {
+        epicsSnprintf(text, size, "%s +%d", host, plus);
+        return;
+    }
+    address.sin_addr.s_addr = htonl(ntohl(address.sin_addr.s_addr) + (epicsUInt32)plus);
+    ipAddrToDottedIP(&address, dotted, sizeof(dotted));
+    epicsSnprintf(text, size, "%.*s", (int)strcspn(dotted, ":"), dotted);
+}
+
+void plcStationLineAddress(plcStation *s, unsigned line, char *text, size_t size)
+{
+    char host[PLC_NAME_MAX + 1];
+
+    text[0] = 0;
+    if (line >= s->policy->links)
+        return;
+    epicsMutexMustLock(s->lock);
+    plusText(s->address[line], s->plus[line], host, sizeof(host));
+    if (s->port[line])
+        epicsSnprintf(text, size, "%s:%d", host, s->port[line]);
+    else
+        epicsSnprintf(text, size, "%s", host);
+    epicsMutexUnlock(s->lock);
+}
+
 int plcStationMove(plcStation *s, const char *text, char *error, size_t size)
 {
     char host[PLC_NAME_MAX + 1];

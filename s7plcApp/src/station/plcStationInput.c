@@ -101,6 +101,11 @@ void plcInputSetLeads(plcStation *s)
 void plcInputSetState(plcStation *s, int state)
 {
     epicsMutexMustLock(s->lock);
+    if (state != s->stats.state) {
+        s->stats.stateSince = epicsMonotonicGet();
+        if (s->stats.state == plcStateOk)
+            epicsTimeGetCurrent(&s->stats.lostTime);
+    }
     s->stats.state = state;
     s->stats.alive = state == plcStateOk;
     epicsMutexUnlock(s->lock);

@@ -116,6 +116,7 @@ void plcStationReason(plcStation *s, unsigned i, const char *reason)
     epicsMutexMustLock(s->lock);
     epicsSnprintf(to, PLC_REASON_SIZE, "%s", reason);
     epicsSnprintf(s->stats.lastError, sizeof(s->stats.lastError), "%s", reason);
+    epicsTimeGetCurrent(&s->stats.lastErrorTime);
     epicsMutexUnlock(s->lock);
     plcStationGate(s);
 }

@@ -20,6 +20,8 @@ typedef struct plcStats {
     int connected;              /* 1: TCP to the leading PLC is up */
     int alive;                  /* 1: connected, and the data is valid */
     int state;                  /* plcStationState */
+    epicsUInt64 stateSince;     /* monotonic ns: when it began */
+    epicsTimeStamp lostTime;    /* wall clock: when valid data was last lost, 0 = never */
     int leader;                 /* line that leads, -1 none */
     epicsUInt64 connectedSince; /* monotonic ns, 0 = not connected */
     epicsUInt64 lastBlock;      /* monotonic ns, 0 = none */
@@ -42,6 +44,7 @@ typedef struct plcStats {
     int outputConnected;        /* 1: outputs go somewhere; over another wire this may be another
                                    connection than that of the blocks */
     char lastError[PLC_TEXT_SIZE];
+    epicsTimeStamp lastErrorTime; /* wall clock of it, 0 = none */
 
     /* counters since start or plcStatsReset */
     epicsUInt64 blocksIn;       /* whole blocks received */
