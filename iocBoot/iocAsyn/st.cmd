@@ -21,5 +21,6 @@ drvAsynS7plcConfigure(PLC1-asyn, PLC1)
 
 dbLoadRecords "iocBoot/iocAsyn/asyn.db", "P=$(P=as:),PLC=PLC1,PORT=PLC1-asyn"
 dbLoadRecords "db/s7plcStatus.template", "P=$(P=as:),PLC=PLC1"
+dbLoadRecords "db/s7plcStation.db", "P=$(P=as:),PLC=PLC1"
 
 iocInit

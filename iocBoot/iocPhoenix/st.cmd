@@ -29,4 +29,8 @@ dbLoadRecords "iocBoot/iocPhoenix/phoenix.db", "P=$(P=px:)B:,PLC=PLC-B"
 dbLoadRecords "db/phoenixplcStatus.db", "P=$(P=px:)A:,PLC=PLC-A"
 dbLoadRecords "db/phoenixplcStatus.db", "P=$(P=px:)B:,PLC=PLC-B"
 
+# The health of the connections: state, reason, counters, times (docs/statistics.md)
+dbLoadRecords "db/s7plcStation.db", "P=$(P=px:)A:,PLC=PLC-A"
+dbLoadRecords "db/s7plcStation.db", "P=$(P=px:)B:,PLC=PLC-B"
+
 iocInit

@@ -27,7 +27,7 @@ s7plcSetOption PLC1, heartbeat, 500
 dbLoadRecords "iocBoot/iocS7plc/example.db", "P=$(P=s7:),PLC=PLC1"
 
 # The usual cases need no record of your own: s7plcApp/Db has templates for them
-dbLoadRecords "db/s7plcStatus.template", "P=$(P=s7:),PLC=PLC1"
+dbLoadRecords "db/s7plcStatus.template", "P=$(P=s7:)PLC1:,PLC=PLC1"
 dbLoadRecords "db/s7plcAnalogIn.template", "NAME=$(P=s7:)Pressure,PLC=PLC1,OFFS=112,T=REAL32,EGU=mbar,PREC=1"
 
 # The health of the connection: state, counters, times (docs/statistics.md)

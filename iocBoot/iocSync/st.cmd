@@ -23,6 +23,7 @@ s7plcSetOption PLC1, layout, 0x1201
 s7plcSetOption PLC1, readback, 0
 
 dbLoadRecords "iocBoot/iocSync/sync.db", "P=$(P=sync:),PLC=PLC1"
+dbLoadRecords "db/s7plcStation.db", "P=$(P=sync:),PLC=PLC1"
 dbLoadRecords "db/s7plcSync.db", "P=$(P=sync:),PLC=PLC1"
 dbLoadRecords "iocBoot/iocSync/yesterday.db", "P=$(P=sync:)"
 

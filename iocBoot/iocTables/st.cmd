@@ -17,6 +17,7 @@ s7plcIoc_registerRecordDeviceDriver pdbbase
 epicsEnvSet PLC1_PORT, "$(PLC_PORT=2000)"
 epicsEnvSet MAPDIR, "$(GEN=iocBoot/iocTables/gen)"
 < "$(MAPDIR)/map.cmd"
+dbLoadRecords "db/s7plcStation.db", "P=oven:,PLC=PLC1"
 dbLoadRecords "db/s7plcSync.db", "P=oven:,PLC=PLC1"
 dbLoadRecords "db/s7plcTables.db", "P=oven:,PLC=PLC1"
 

@@ -40,7 +40,7 @@ def example(tmp_path_factory):
     ioc = Ioc.of_script(EXAMPLE / "st.cmd", "tutorial:",
                         {"PLC_PORT": str(sim.port), "P": "tutorial:"})
     ioc.start()
-    ioc.wait_value("Connected", 1)
+    ioc.wait_value("PLC1:Connected", 1)
     yield ioc
     ioc.close()
     sim.close()

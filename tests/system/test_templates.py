@@ -69,7 +69,7 @@ def test_status(load):
     peer.hang_up()
     ioc.wait_value("Losses", before + 1)
     ioc.wait_value("Connected", 1)
-    assert ioc.get("Address") == f"127.0.0.1:{peer.port}"
+    assert ioc.get("AddressSet") == f"127.0.0.1:{peer.port}"
 
 
 def test_station(load):
