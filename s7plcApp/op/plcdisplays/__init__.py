@@ -1,0 +1,1 @@
+"""Displays of plclink for several tools, from one description (displays.py)."""

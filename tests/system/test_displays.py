@@ -1,0 +1,79 @@
+"""The displays: what their generator writes, and what its lint sees."""
+import subprocess
+import sys
+import xml.etree.ElementTree as xml
+
+import pytest
+
+from client import TOP
+
+GENERATE = TOP / "s7plcApp/op/generate.py"
+sys.path.insert(0, str(GENERATE.parent))
+from plcdisplays import displays, layout, lint  # noqa: E402
+
+
+def generate(*arguments):
+    return subprocess.run([sys.executable, str(GENERATE), *map(str, arguments)],
+                          capture_output=True, text=True)
+
+
+def test_generated():
+    """the displays are what the generator writes, each PV has its record, and nothing overlaps"""
+    run = generate("--check")
+    assert run.returncode == 0, run.stdout + run.stderr
+
+
+FAULTS = [
+    ("no record for $(P)Nonsense", lambda d: d.value("$(P)Nonsense", 0, 0, 50)),
+    ('"Much too long" needs', lambda d: d.label("Much too long", 0, 0, 50)),
+    ("pixels high", lambda d: d.label("A", 0, 0, 50, 10, 24)),
+    ("is outside", lambda d: d.label("A", 90, 0, 50)),
+    ("overlaps", lambda d: (d.label("A", 0, 0, 50), d.label("B", 49, 0, 50))),
+    ("no display plclinkNothing", lambda d: d.open("A", 0, 0, 50, 20, "plclinkNothing", {})),
+    ('"NO ADDRESS" needs', lambda d: d.lamp("$(P)State", 0, 0, 40, 20, displays.STATE)),
+]
+
+
+@pytest.mark.parametrize("text, spoil", FAULTS, ids=[text for text, _ in FAULTS])
+def test_lint(text, spoil):
+    """the lint of displays says: {text}"""
+    display = layout.Display("test", "test", 100, 40, "")
+    spoil(display)
+    assert any(text in line for line in lint.faults([display])), lint.faults([display])
+
+
+def test_overview(tmp_path):
+    """an overview of PLCs from a list; a line that is wrong is named"""
+    plcs = tmp_path / "plcs"
+    plcs.write_text("# two\nPRESS hall:PRESS: MODBUS\nPAIR hall:PAIR: PAIR\n")
+    run = generate("--plcs", plcs, "-o", tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert {p.name for p in tmp_path.glob("*/*")} == {f"plclinkOverview.{e}"
+                                                      for e in ("bob", "adl", "ui")}
+    tree = xml.parse(tmp_path / "bob/plclinkOverview.bob")
+    pvs = [e.text for e in tree.iter("pv_name")]
+    assert "hall:PRESS:State" in pvs and "hall:PAIR:Backup" in pvs
+    assert "hall:PRESS:Backup" not in pvs
+    plcs.write_text("PRESS hall:PRESS: MODBUSS\n")
+    run = generate("--plcs", plcs, "-o", tmp_path)
+    assert run.returncode != 0 and f"{plcs}:1:" in run.stderr
+
+
+@pytest.mark.parametrize("tool", ["bob", "ui", "pydm"])
+def test_well_formed(tool):
+    """the files for {tool} are XML, and are installed"""
+    files = sorted((GENERATE.parent / tool).iterdir())
+    assert len(files) == 7
+    for file in files:
+        xml.parse(file)
+        assert (TOP / "op" / tool / file.name).read_text() == file.read_text()
+
+
+def test_adl():
+    """the files for MEDM have their brackets in pairs, and name no colour that is not there"""
+    for file in sorted((GENERATE.parent / "adl").iterdir()):
+        text = file.read_text()
+        assert text.count("{") == text.count("}"), file
+        number = int(text.split("ncolors=")[1].split()[0])
+        used = [int(line.split("=")[1]) for line in text.split() if line.startswith(("clr=", "bclr="))]
+        assert used and max(used) < number, file
