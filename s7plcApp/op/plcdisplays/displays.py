@@ -5,7 +5,7 @@ STATE = [(0, "NO ADDRESS", RED), (1, "CONNECTING", RED), (2, "NO DATA", RED), (3
          (4, "WRONG SIZE", RED), (5, "FROZEN", RED), (6, "NO PRIMARY", RED), (7, "LAYOUT", RED)]
 SETPOINTS = [(0, "NO OUTPUT", RED), (1, "output ok", GREEN), (2, "OUTPUT WAITS", ORANGE),
              (3, "LOCAL", BLUE), (4, "MISMATCH", RED), (5, "PLC REFUSES", ORANGE),
-             (6, "no output", GREY)]
+             (6, "no output", GREY), (7, "OUTPUT ?", ORANGE)]
 REFUSED = [(0, "none refused", GREY), (1, "PUTS REFUSED", ORANGE)]
 SYNC = [(0, "DISCONNECTED", ORANGE), (1, "WAITING", ORANGE), (2, "CHECKING", ORANGE),
         (3, "SYNCED", GREEN), (4, "LOCAL", BLUE), (5, "LAYOUT MISMATCH", RED),

@@ -77,6 +77,6 @@ class Display:
         for i, (words, pv, longest) in enumerate(rows):
             at = y + 24 + 24 * i
             self.label(words, x, at, label_w)
-            number = longest not in (TEXT, TIME)
+            number = longest not in (TEXT, TIME) and value_w < 200
             self.value("$(P)" + pv, x + label_w, at, value_w, right=number, longest=longest,
                        long=longest is TEXT)

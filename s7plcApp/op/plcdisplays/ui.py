@@ -2,6 +2,7 @@
 differ in their widgets. A lamp is a pile of words on colours of which one is seen.
 """
 import json
+import re
 from xml.sax.saxutils import escape
 
 from .adl import on
@@ -141,11 +142,10 @@ class PyDM(Writer):
     def label(self, i):
         return self.widget("QLabel", (i.x, i.y, i.w, i.h), [
             self.style(f"color: {_css(i.colour)}; {self.font(i.size, i.bold)}"),
-            _property("text", "string", i.text.replace("$(", "${").replace(")", "}")
-                      if "$(" in i.text else i.text), self.alignment(i.right)])
+            _property("text", "string", self.macros(i.text)), self.alignment(i.right)])
 
     def macros(self, text):
-        return text.replace("$(", "${").replace(")", "}") if "$(" in text else text
+        return re.sub(r"\$\((\w+)\)", r"${\1}", text)
 
     def channel(self, pv):
         return _property("channel", "string", "ca://" + self.macros(pv), True)
@@ -158,6 +158,12 @@ class PyDM(Writer):
             self.style(self.font(i.size, i.bold)), self.channel(pv), self.alignment(i.right),
             _property("precisionFromPV", "bool", "true", True), *more])
 
+    def seen(self, pv, condition):
+        return _property("rules", "string", json.dumps([{
+            "name": "seen", "property": "Visible", "expression": condition,
+            "initial_value": "False", "channels": [{"channel": "ca://" + self.macros(pv),
+                                                    "trigger": True, "use_enum": False}]}]), True)
+
     def lamp(self, i):
         """Not connected, the frame is disabled, and all in it purple."""
         unknown = f"QLabel:disabled {{ background: {_css(PURPLE)}; color: {_css(PURPLE)}; }}"
@@ -165,17 +171,13 @@ class PyDM(Writer):
             self.style(f"background: {_css(PURPLE)}; color: white; {self.font(i.size, True)}"),
             _property("text", "string", "?"), _property("alignment", "set", "Qt::AlignCenter")])
         for value, word, colour in i.states:
-            rule = json.dumps([{"name": "seen", "property": "Visible",
-                                "expression": f"ch[0] == {value}", "initial_value": "False",
-                                "channels": [{"channel": "ca://" + self.macros(i.pv),
-                                              "trigger": True, "use_enum": False}]}])
             style = (f"PyDMLabel {{ background: {_css(colour)}; color: {_css(on(colour))}; "
                      f"{self.font(i.size, True)} }} PyDMLabel:disabled {{ background: "
                      f"{_css(PURPLE)}; color: {_css(PURPLE)}; }}")
             inside += self.widget("PyDMLabel", (0, 0, i.w, i.h), [
                 self.style(style), _property("text", "string", word),
                 _property("alignment", "set", "Qt::AlignCenter"),
-                _property("rules", "string", rule, True)])
+                self.seen(i.pv, f"ch[0] == {value}")])
         return self.widget("PyDMFrame", (i.x, i.y, i.w, i.h), [
             self.style(unknown), self.channel(i.pv),
             _property("disableOnDisconnect", "bool", "true", True),
@@ -185,7 +187,7 @@ class PyDM(Writer):
         macros = json.dumps({k: self.macros(v) for k, v in i.macros.items()})
         rules = []
         if i.part:
-            rules = [_property("visible", "bool", "true")]
+            rules = [self.seen("$(P)State", f"'${{HAS_{i.part}}}' == '1'")]
         return self.widget("PyDMRelatedDisplayButton", (i.x, i.y, i.w, i.h), [
             self.style(self.font(13, False)), _property("text", "string", i.text), *rules,
             _property("showIcon", "bool", "false", True),
@@ -200,15 +202,20 @@ class PyDM(Writer):
             self.channel(i.pv), _property("pressValue", "string", i.value, True), *ask])
 
     def plot(self, i):
-        curve = json.dumps({"name": "", "x_channel": "ca://" + self.macros(i.x_pv),
-                            "y_channel": "ca://" + self.macros(i.y_pv), "color": "#005aa0",
-                            "lineWidth": 3, "symbol": None, "block_size": 0})
+        """Over the number of the bin: PyDM has no logarithmic x axis, and bins are one."""
+        curve = json.dumps({"name": "", "x_channel": None,
+                            "y_channel": "ca://" + self.macros(i.y_pv), "color": "#005aa0", "lineWidth": 3, "symbol": None})
         title = self.widget("QLabel", (i.x, i.y, i.w, 20), [
-            self.style(self.font(14, True)), _property("text", "string", f"{i.title} ({i.y_title} over log ms)"),
+            self.style(self.font(14, True)), _property("text", "string", f"{i.title}: {i.y_title} in each bin"),
             _property("alignment", "set", "Qt::AlignCenter")])
         return title + self.widget("PyDMWaveformPlot", (i.x, i.y + 20, i.w, i.h - 20), [
             _property("curves", "stringlist", f"<string>{escape(curve)}</string>", True),
-            _property("showLegend", "bool", "false", True)])
+            _property("showLegend", "bool", "false", True),
+            _property("backgroundColor", "color", "<red>255</red><green>255</green>"
+                      "<blue>255</blue>", True),
+            _property("autoRangeX", "bool", "false", True),
+            _property("minXRange", "double", 0, True),
+            _property("maxXRange", "double", 64, True)])
 
     def frame(self, d, body):
         kinds = {"PyDMLabel": "QLabel", "PyDMFrame": "QFrame",

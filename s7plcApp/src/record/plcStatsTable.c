@@ -128,7 +128,8 @@ GETTER(getSecond)
 }
 
 /* What becomes of a put, whatever the wire and the policy are. */
-enum { putsNoOutput, putsPass, putsWait, putsLocal, putsMismatch, putsRefused, putsNone };
+enum { putsNoOutput, putsPass, putsWait, putsLocal, putsMismatch, putsRefused, putsNone,
+       putsUnknown };
 
 static int putsSynced(const plcStats *stats)
 {
@@ -166,6 +167,8 @@ GETTER(getSetpoints)
         value->integer = putsWait;
     else if (faults && plcFaultsFind(faults, 0, size, NULL, why))
         value->integer = putsRefused;
+    else if (!faults && !stats->alive && plcStationInSize(station))
+        value->integer = putsUnknown; /* no wire tells, and the PLC shows no sign of life */
     else
         value->integer = putsPass;
 }
@@ -319,7 +322,8 @@ const plcStatRow plcStatRows[] = {
      "attempts to connect that failed"},
     {"setpoints",        plcStatInteger, getSetpoints, 0,                   "",
      "what becomes of puts: 0 no output, 1 they pass, 2 they wait for the PLC, 3 LOCAL, "
-     "4 layout or map mismatch, 5 the PLC has refused some, 6 there are none"},
+     "4 layout or map mismatch, 5 the PLC has refused some, 6 there are none, "
+     "7 not known: connected, but no valid data comes"},
     {"outputConnected",  plcStatInteger, getInt,       AT(outputConnected), "",
      "1 while outputs go somewhere; over another wire that may be another connection"},
     {"putsWaiting",      plcStatInteger, getInt,       AT(putsWaiting),     "",
