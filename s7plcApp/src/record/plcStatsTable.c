@@ -148,6 +148,20 @@ static int putsSynced(const plcStats *stats)
     }
 }
 
+/* A wire that acknowledges goes somewhere when it has answered: a server that accepts
+ * connections and is silent would else be connected for a second, again and again. */
+static int putsGo(plcStation *station, const plcStats *stats)
+{
+    return stats->outputConnected &&
+           !(plcStationOutFaults(station) && plcStationHeld(station));
+}
+
+GETTER(getOutputConnected)
+{
+    (void)row;
+    value->integer = putsGo(station, stats);
+}
+
 GETTER(getSetpoints)
 {
     plcFaults *faults = plcStationOutFaults(station);
@@ -159,7 +173,7 @@ GETTER(getSetpoints)
         value->integer = putsNone;
     else if (plcStationHeader(station))
         value->integer = putsSynced(stats);
-    else if (!stats->outputConnected)
+    else if (!putsGo(station, stats))
         value->integer = putsNoOutput;
     else if (stats->state == plcStateLayout)
         value->integer = putsMismatch;
@@ -324,7 +338,7 @@ const plcStatRow plcStatRows[] = {
      "what becomes of puts: 0 no output, 1 they pass, 2 they wait for the PLC, 3 LOCAL, "
      "4 layout or map mismatch, 5 the PLC has refused some, 6 there are none, "
      "7 not known: connected, but no valid data comes"},
-    {"outputConnected",  plcStatInteger, getInt,       AT(outputConnected), "",
+    {"outputConnected",  plcStatInteger, getOutputConnected, 0,             "",
      "1 while outputs go somewhere; over another wire that may be another connection"},
     {"putsWaiting",      plcStatInteger, getInt,       AT(putsWaiting),     "",
      "puts that wait for the PLC to take them, over a wire that acknowledges"},

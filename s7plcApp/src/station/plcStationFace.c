@@ -8,6 +8,7 @@
 #include <epicsStdio.h>
 #include <epicsStdlib.h>
 #include <errlog.h>
+#include <osiSock.h>
 
 #include "plcClock.h"
 #include "plcHot.h"
