@@ -8,7 +8,8 @@ ifneq ($(words $(CURDIR)),1)
   $(error EPICS cannot build in a path with a blank: "$(CURDIR)". Move the tree)
 endif
 
-.PHONY: help demo demo-redundant demo-sync demo-asyn demo-modbus demo-tables demo-etherip demo-map test bench docs
+.PHONY: help demo demo-redundant demo-sync demo-asyn demo-modbus demo-tables demo-etherip demo-map test bench docs \
+    displays
 
 HELP = "make                 build (needs EPICS_BASE, see configure/RELEASE)" \
     "make rebuild         clean, then build: after an update of the sources" \
@@ -24,6 +25,7 @@ HELP = "make                 build (needs EPICS_BASE, see configure/RELEASE)" \
     "make demo-asyn       the same PLC as an asyn port (where ASYN is set)" \
     "make test            all tests" \
     "make bench           speed" \
+    "make displays        pictures of the displays, by PyDM; PHOEBUS=<folder>: by Phoebus" \
     "make docs            the documents as a site in docs/O.site; each warning is an error" \
     "The demos, test, bench and docs bring all they need on Debian, an EPICS Base too."
 
@@ -34,7 +36,7 @@ ifneq ($(filter help,$(MAKECMDGOALS)),)
   help: ; @printf '%s\n' $(HELP)
 else ifneq ($(filter docs,$(MAKECMDGOALS)),)
   docs: ; @docs/build
-else ifneq ($(filter demo demo-% test bench,$(MAKECMDGOALS)),)
+else ifneq ($(filter demo demo-% test bench displays,$(MAKECMDGOALS)),)
   ifneq ($(origin EPICS_BASE),file)
     # GNU make makes this included file when it is missing, then reads it and goes on.
     include configure/RELEASE.local
@@ -53,6 +55,7 @@ else ifneq ($(filter demo demo-% test bench,$(MAKECMDGOALS)),)
   demo-etherip: ; @+$(BUILD) && exec iocBoot/iocEtherIP/demo
   test: ; @+tests/run
   bench: ; @+$(BUILD) && exec tests/bench/run
+  displays: ; @+$(BUILD) && exec tests/displays/run
 else ifneq ($(filter rebuild,$(MAKECMDGOALS)),)
   # Compiled files remember the headers they were made from by name: after an update that
   # has moved or removed one, make stops with "No rule to make target".

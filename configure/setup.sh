@@ -7,6 +7,7 @@
 #   configure/setup.sh map     what plcmap needs: Python
 #   configure/setup.sh python  make the Python environment of the system tests, print its path
 #   configure/setup.sh docs    the same of the tools for the documents
+#   configure/setup.sh displays  the same for pictures of displays (tests/displays/run)
 #
 # Debian 12 and 13. What is there already is used; nothing is downloaded twice. Everything
 # that is built goes to a cache outside the tree: $PLCLINK_CACHE, default ~/.cache/plclink.
@@ -160,6 +161,13 @@ documents() {
     environment docs docs/requirements.txt
 }
 
+displays() {
+    packages python3-venv xvfb xauth fonts-liberation libgl1 libegl1 libdbus-1-3 libfontconfig1 \
+        libxkbcommon-x11-0 libxcb-icccm4 libxcb-image0 libxcb-keysyms1 libxcb-randr0 \
+        libxcb-render-util0 libxcb-shape0 libxcb-xinerama0 libxcb-cursor0
+    environment displays tests/displays/requirements.txt
+}
+
 case ${1:-} in
     base) base ;;
     map) packages python3 ;;
@@ -167,5 +175,6 @@ case ${1:-} in
     release) write_release "$EPICS_BASE" ;;
     python) python ;;
     docs) documents ;;
-    *) die "usage: configure/setup.sh base|map|named|release|python|docs" ;;
+    displays) displays ;;
+    *) die "usage: configure/setup.sh base|map|named|release|python|docs|displays" ;;
 esac

@@ -129,6 +129,7 @@ demo_end() {
     echo "Try in another window:"
     echo "    export PATH=$(dirname "$(command -v caget)"):\$PATH EPICS_CA_ADDR_LIST=127.0.0.1 EPICS_CA_AUTO_ADDR_LIST=NO"
     [ -z "$had_port" ] || echo "    unset EPICS_CA_SERVER_PORT"
+    echo "    phoebus -resource 'file:$top/op/bob/plclinkOverview.bob'   all PLCs (docs/displays.md)"
     cat
     exec 4>&-
     wait "$iocpid"

@@ -93,17 +93,17 @@ def station():
              ("Connected for", "ConnectedFor", SECONDS), ("Last error", "LastError", TEXT),
              ("  at", "LastErrorTime", TIME)])
     d.label("Options", 16, 270, 124)
-    d.value("$(P)Options", 140, 270, 600, 20, 12, long=True)
+    d.value("$(P)Options", 140, 270, 370, 20, 11, long=True)
     d.group("Since reset", 520, 124, 116, 104,
             [("Connections", "Connects", NUMBER), ("Losses", "Reconnects", NUMBER),
              ("Failed attempts", "ConnectErrors", NUMBER), ("Blocks in", "BlocksIn", NUMBER),
-             ("Blocks out", "BlocksOut", NUMBER)])
+             ("Blocks out", "BlocksOut", NUMBER), ("Heartbeats", "Heartbeats", NUMBER)])
     d.group("Trouble since reset", 760, 148, 124, 104,
             [("Skipped", "Skipped", NUMBER), ("Coalesced", "Coalesced", NUMBER),
-             ("Puts refused", "RefusedWrites", NUMBER), ("Slow sends", "SlowSends", NUMBER),
+             ("Puts refused", "RefusedWrites", NUMBER), ("Puts dropped", "PutsDropped", NUMBER),
+             ("Slow sends", "SlowSends", NUMBER),
              ("Doubts", "Doubts", NUMBER), ("Out of step", "OutOfStep", NUMBER),
              ("Wrong size", "SizeMismatches", NUMBER),
-             ("Layout differed", "LayoutMismatches", NUMBER),
              ("Clock errors", "ClockErrors", NUMBER)])
     d.group("Now", 16, 300, 130, 100,
             [("Since block in", "BlockAge", SECONDS), ("Since block out", "HeartbeatAge", SECONDS),

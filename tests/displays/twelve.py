@@ -1,0 +1,169 @@
+"""Makes pictures of the displays with live PVs in twelve states of four simulated PLCs.
+
+    twelve.py FOLDER            with PyDM
+    twelve.py FOLDER PHOEBUS    with the Phoebus in the folder PHOEBUS (its jars), JDK 21 or newer
+
+tests/displays/run calls it. Each picture is there a second time, small: as seen from three
+metres away. The status is 1 when a PV was not connected, or words did not fit, while the IOC
+lived.
+"""
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE.parent / "system"), str(HERE), str(HERE.parents[1] / "s7plcApp/op")]
+
+from client import TOP  # noqa: E402  (sets the environment of CA)
+from ioc import Ioc  # noqa: E402
+from plcdisplays import displays  # noqa: E402
+from sim import Sim  # noqa: E402
+
+PARTS = {"PRESS": "MODBUS", "OVEN": "SYNC", "PAIR": "PAIR"}
+PLC1 = """name = PLC1
+in = 64
+out = 32
+byteorder = big
+period = 100 ms
+signal 0 UINT32 counter
+"""
+OVERVIEW = ("Overview", "PLC1")
+
+
+class Plant:
+    """Four PLCs of plcSim and the IOC that has them."""
+
+    def __init__(self, folder):
+        demos = TOP / "iocBoot"
+        self.PLC1 = Sim(folder, PLC1)
+        self.PRESS = Sim(folder, (demos / "iocModbus/press.plc").read_text()
+                         .replace("modbus_port = 1502", "modbus_port = 0"))
+        self.OVEN = Sim(folder, (demos / "iocSync/sync.plc").read_text())
+        self.PAIR = Sim(folder, (demos / "iocPhoenix/plc-a.plc").read_text())
+        configure = f"""
+s7plcConfigure(PLC1, 127.0.0.1, {self.PLC1.port}, 64, 32, 1, 2000, 100)
+s7plcSetOption PLC1, alive, 2
+s7plcConfigure(PRESS, 127.0.0.1, {self.PRESS.port}, 64, 32, 1, 2000, 100)
+s7plcModbusOutput(PRESS, "", {self.PRESS.modbus_port}, 1, 1000)
+s7plcConfigure(OVEN, 127.0.0.1, {self.OVEN.port}, 32, 12, 1, 2000, 100)
+s7plcSetOption OVEN, sync, on
+s7plcSetOption OVEN, layout, 0x1201
+s7plcSetOption OVEN, readback, 0
+phoenixplcConfigure(PAIR, "127.0.0.2", {self.PAIR.port}, 64, 32, 1, 2000, 100, 1)
+"""
+        records = """
+record(ao, "$(P)press") { field(DTYP, "S7plc") field(OUT, "@PRESS/0 T=FLOAT") }
+record(ao, "$(P)oven")  { field(DTYP, "S7plc") field(OUT, "@OVEN/4 T=FLOAT") }
+"""
+        loads = [("s7plcStation.db", n) for n in ("PLC1", "PRESS", "OVEN", "PAIR")] + [
+            ("s7plcModbus.db", "PRESS"), ("s7plcSync.db", "OVEN"),
+            ("phoenixplcStatus.db", "PAIR")]
+        self.ioc = Ioc(folder, configure, records, program="phoenixIoc",
+                       templates=[(f, f"P=$(P){n}:,PLC={n}") for f, n in loads]).start()
+        self.plcs = [(n, f"{self.ioc.P}{n}:", [PARTS[n]] if n in PARTS else [])
+                     for n in ("PLC1", "PRESS", "OVEN", "PAIR")]
+        for name, *_ in self.plcs:
+            self.ioc.wait_value(name + ":State", 3)
+
+    def is_state(self, plc, *values, pv="State"):
+        while self.ioc.get(f"{plc}:{pv}") not in values:
+            time.sleep(0.1)
+
+    def close(self):
+        self.ioc.process.kill()
+        self.ioc.drop_clients()
+        for sim in (self.PLC1, self.PRESS, self.OVEN, self.PAIR):
+            sim.close()
+
+
+def station(plc):
+    return "Station", plc
+
+
+# State: what brings it, what to wait for, which displays, what ends it
+STATES = [
+    ("01-normal", lambda p: p.ioc.put("press", 20.5), lambda p: p.is_state("PRESS", 1, pv="Setpoints"),
+     [OVERVIEW, station("PLC1"), ("Modbus", "PRESS"), ("Sync", "OVEN"), ("Pair", "PAIR")],
+     lambda p: None),
+    ("02-lost", lambda p: p.PLC1.command("unplug"), lambda p: p.is_state("PLC1", 1),
+     [OVERVIEW, station("PLC1")], lambda p: p.PLC1.command("plug")),
+    ("03-silent", lambda p: p.PLC1.command("silence"), lambda p: p.is_state("PLC1", 1, 2),
+     [OVERVIEW, station("PLC1")], lambda p: p.PLC1.command("silence off")),
+    ("04-size", lambda p: p.PLC1.command("truncate 48"), lambda p: p.is_state("PLC1", 4),
+     [OVERVIEW, station("PLC1")], lambda p: p.PLC1.command("truncate off")),
+    ("05-frozen", lambda p: p.PLC1.command("freeze all"), lambda p: p.is_state("PLC1", 5),
+     [OVERVIEW, station("PLC1")], lambda p: p.PLC1.command("unfreeze")),
+    ("06-layout", lambda p: (p.ioc.command("s7plcSetOption OVEN, layout, 0x1202"),
+                             p.OVEN.command("close")), lambda p: p.is_state("OVEN", 5, pv="Sync"),
+     [OVERVIEW, station("OVEN"), ("Sync", "OVEN")],
+     lambda p: (p.ioc.command("s7plcSetOption OVEN, layout, 0x1201"), p.OVEN.command("close"),
+                p.is_state("OVEN", 3, pv="Sync"))),
+    ("07-output", lambda p: (p.PRESS.command("modbus silent"), p.ioc.put("press", 33, wait=False)),
+     lambda p: p.is_state("PRESS", 0, pv="Setpoints"),
+     [OVERVIEW, station("PRESS"), ("Modbus", "PRESS")],
+     lambda p: (p.PRESS.command("modbus normal"), p.is_state("PRESS", 1, pv="Setpoints"))),
+    ("08-refused", lambda p: (p.PRESS.command("modbus exception 2 holding 1000 write"),
+                              p.ioc.put("press", 44, wait=False)),
+     lambda p: p.is_state("PRESS", 5, pv="Setpoints"),
+     [OVERVIEW, station("PRESS"), ("Modbus", "PRESS")],
+     lambda p: (p.PRESS.command("modbus normal"), p.ioc.put("press", 20, wait=False))),
+    ("09-local", lambda p: (p.OVEN.command("local"), p.is_state("OVEN", 4, pv="Sync"),
+                            p.ioc.put("oven", 5, wait=False)),
+     lambda p: p.is_state("OVEN", 1, pv="Refused"),
+     [OVERVIEW, station("OVEN"), ("Sync", "OVEN")], lambda p: p.OVEN.command("remote")),
+    ("10-switched", lambda p: p.PAIR.command("unplug 1"), lambda p: p.is_state("PAIR", 5, pv="Pair"),
+     [OVERVIEW, station("PAIR"), ("Pair", "PAIR")], lambda p: p.PAIR.command("plug 1")),
+    ("11-two", lambda p: p.PAIR.command("twoprimaries"), lambda p: p.is_state("PAIR", 3, pv="Pair"),
+     [OVERVIEW, ("Pair", "PAIR")], lambda p: p.PAIR.command("twoprimaries off")),
+]
+
+
+def macros(plant, plc):
+    return {"P": f"{plant.ioc.P}{plc}:", "NAME": plc,
+            **{"HAS_" + part: "1" if PARTS.get(plc) == part else "0" for part in displays.PARTS}}
+
+
+def main(folder, phoebus=None):
+    if phoebus:
+        from phoebus import Viewer
+    else:
+        from pydmviewer import Viewer
+    folder = Path(folder).resolve()
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as temporary:
+        plant = Plant(Path(temporary))
+        plcs = Path(temporary) / "plcs"
+        plcs.write_text("".join(f"{n} {p} {' '.join(has)}\n" for n, p, has in plant.plcs))
+        for argument in ([], ["--plcs", str(plcs)]):
+            subprocess.run([sys.executable, TOP / "s7plcApp/op/generate.py", "-o", temporary,
+                            *argument], check=True)
+        viewer = Viewer(Path(temporary), TOP, folder, phoebus)
+        for state, begin, reached, shown, end in STATES:
+            begin(plant)
+            reached(plant)
+            for name, plc in shown:
+                viewer.picture(name, macros(plant, plc), f"{state}-{name}")
+            end(plant)
+            plant.is_state("PLC1", 3)
+        for name, plc in (OVERVIEW, station("PLC1")):  # open while the IOC dies
+            viewer.open(name, macros(plant, plc))
+        plant.close()
+        for name in ("Overview", "Station"):
+            viewer.shoot(name, f"12-died-{name}", checked=False)
+        faults = viewer.close()
+    for line in sorted(set(faults)):
+        print(line)
+    print(f"{len(list(folder.glob('*.png')))} pictures in {folder}, {len(set(faults))} faults")
+    return bool(faults)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) not in (2, 3):
+        sys.exit(__doc__)
+    # PyDM and pyepics have threads that do not end by themselves
+    status = main(*sys.argv[1:])
+    sys.stdout.flush()
+    os._exit(status)
