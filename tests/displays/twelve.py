@@ -11,7 +11,6 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -21,6 +20,7 @@ from client import TOP  # noqa: E402  (sets the environment of CA)
 from ioc import Ioc  # noqa: E402
 from plcdisplays import displays  # noqa: E402
 from sim import Sim  # noqa: E402
+from waiting import until  # noqa: E402
 
 PARTS = {"PRESS": "MODBUS", "OVEN": "SYNC", "PAIR": "PAIR"}
 PLC1 = """name = PLC1
@@ -41,7 +41,8 @@ class Plant:
         self.PLC1 = Sim(folder, PLC1)
         self.PRESS = Sim(folder, (demos / "iocModbus/press.plc").read_text()
                          .replace("modbus_port = 1502", "modbus_port = 0"))
-        self.OVEN = Sim(folder, (demos / "iocSync/sync.plc").read_text())
+        self.folder = folder
+        self.OVEN = Sim(folder, self.oven("0x1201"))
         self.PAIR = Sim(folder, (demos / "iocPhoenix/plc-a.plc").read_text())
         configure = f"""
 s7plcConfigure(PLC1, 127.0.0.1, {self.PLC1.port}, 64, 32, 1, 2000, 100)
@@ -68,9 +69,18 @@ record(ao, "$(P)oven")  { field(DTYP, "S7plc") field(OUT, "@OVEN/4 T=FLOAT") }
         for name, *_ in self.plcs:
             self.ioc.wait_value(name + ":State", 3)
 
+    def oven(self, layout):
+        return (TOP / "iocBoot/iocSync/sync.plc").read_text().replace("0x1201", layout)
+
+    def exchange_oven(self, layout):
+        """The same PLC, whose program was made from another map."""
+        port = self.OVEN.port
+        self.OVEN.close()
+        self.OVEN = Sim(self.folder, self.oven(layout), "-p", str(port))
+
     def is_state(self, plc, *values, pv="State"):
-        while self.ioc.get(f"{plc}:{pv}") not in values:
-            time.sleep(0.1)
+        until(lambda: self.ioc.get(f"{plc}:{pv}") in values,
+              lambda: f"{plc}:{pv} has {self.ioc.text(f'{plc}:{pv}')}, wanted {values}")
 
     def close(self):
         self.ioc.process.kill()
@@ -96,11 +106,9 @@ STATES = [
      [OVERVIEW, station("PLC1")], lambda p: p.PLC1.command("truncate off")),
     ("05-frozen", lambda p: p.PLC1.command("freeze all"), lambda p: p.is_state("PLC1", 5),
      [OVERVIEW, station("PLC1")], lambda p: p.PLC1.command("unfreeze")),
-    ("06-layout", lambda p: (p.ioc.command("s7plcSetOption OVEN, layout, 0x1202"),
-                             p.OVEN.command("close")), lambda p: p.is_state("OVEN", 5, pv="Sync"),
+    ("06-layout", lambda p: p.exchange_oven("0x1202"), lambda p: p.is_state("OVEN", 5, pv="Sync"),
      [OVERVIEW, station("OVEN"), ("Sync", "OVEN")],
-     lambda p: (p.ioc.command("s7plcSetOption OVEN, layout, 0x1201"), p.OVEN.command("close"),
-                p.is_state("OVEN", 3, pv="Sync"))),
+     lambda p: (p.exchange_oven("0x1201"), p.is_state("OVEN", 3, pv="Sync"))),
     ("07-output", lambda p: (p.PRESS.command("modbus silent"), p.ioc.put("press", 33, wait=False)),
      lambda p: p.is_state("PRESS", 0, pv="Setpoints"),
      [OVERVIEW, station("PRESS"), ("Modbus", "PRESS")],

@@ -10,7 +10,7 @@ REFUSED = [(0, "none refused", GREY), (1, "PUTS REFUSED", ORANGE)]
 SYNC = [(0, "DISCONNECTED", ORANGE), (1, "WAITING", ORANGE), (2, "CHECKING", ORANGE),
         (3, "SYNCED", GREEN), (4, "LOCAL", BLUE), (5, "LAYOUT MISMATCH", RED),
         (6, "MAP MISMATCH", RED), (7, "MAP DOWNLOAD", ORANGE)]
-REMOTE = [(0, "HMI controls", BLUE), (1, "EPICS controls", GREEN)]
+REMOTE = [(0, "HMI controls", BLUE), (1, "EPICS controls", GREY)]
 MAP = [(0, "DISCONNECTED", ORANGE), (1, "WAITING", ORANGE), (2, "FIXED TABLES", GREY),
        (3, "EQUAL", GREEN), (4, "MAP MISMATCH", RED), (5, "BEGINNING", ORANGE),
        (6, "LOADING", ORANGE), (7, "PLC CHECKS", ORANGE), (8, "REFUSED", RED)]

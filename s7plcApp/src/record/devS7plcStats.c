@@ -288,8 +288,9 @@ const devSupport devS7plcStatsStringin = ROW(readStringin, NULL, "stringin");
 const devSupport devS7plcStatsLsi      = ROW(readLsi,      NULL, "lsi");
 const devSupport devS7plcStatsWaveform = ROW(readWaveform, NULL, "waveform");
 const devSupport devS7plcStatsAai      = ROW(readAai,      NULL, "aai");
-const devSupport devS7plcStatsBo = {{6, NULL, devInit, devInitRecord, NULL}, writeBo, NULL,
-    "S7plc stats", "OUT", devStatistics, {"bo", 0, 0, 0, NULL}, 2, NULL, NULL, DEV_READS};
+const devSupport devS7plcStatsBo = {.common = {6, NULL, devInit, devInitRecord, NULL},
+    .transfer = writeBo, .dtyp = "S7plc stats", .field = "OUT", .direction = devStatistics,
+    .shape = {.recordType = "bo"}, .initStatus = 2, .resolve = resolveStatistic};
 /* clang-format on */
 
 epicsExportAddress(dset, devS7plcStatsAi);
