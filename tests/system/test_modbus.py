@@ -495,7 +495,7 @@ def test_refused_range(new_modbus, new_ioc, ranges, name):
 def test_refused_from_the_start(new_modbus, new_ioc):
     """a range that the PLC never had: its records say so, the other ranges are good"""
     peer = new_modbus(size=160)
-    ioc = new_ioc(peer.configure("holding 0 10, holding 155 10, input 0 10"), REFUSED)
+    ioc = new_ioc(peer.configure("holding 0 10, holding 160 10, input 0 10"), REFUSED)
     ioc.wait_alarm("b", "INVALID", "READ", "exception 2, illegal data address")
     for record in "ac":
         ioc.wait_alarm(record, "NO_ALARM")
