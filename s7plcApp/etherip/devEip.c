@@ -89,6 +89,8 @@ static void forget(devRecord *dev)
 {
     devEip *own = eipOf(dev);
 
+    if (own->second)
+        eipPlacesLeave(own->plc->places, own->second, own->period, own->output);
     if (own->place) {
         eipPlacesLeave(own->plc->places, own->place, own->period, own->output);
         eipPlcWantsChanged(own->plc);
@@ -235,6 +237,20 @@ static unsigned nobtOf(dbCommon *prec)
     return (unsigned)((mbboDirectRecord *)prec)->nobt;
 }
 
+/* Outputs whose bits lie in two elements: a cell for each. */
+static int takeTwo(dbCommon *prec, devRecord *dev, eipLink *link, plcLinkError *error)
+{
+    devEip *own = eipOf(dev);
+    eipWant wish = wishOf(link, eipCell);
+
+    if (take(prec, dev, link, &wish, eipPlaceHead, error))
+        return -1;
+    dev->mask = own->across << own->shift & 0xffffffffu;
+    wish.index++;
+    own->second = eipPlacesGet(own->plc->places, &wish, own->period, 1);
+    return own->second ? 0 : devFail(error, 0, "the image of %.40s is full", link->plc);
+}
+
 /* Bits that begin in one element and end in the next: for inputs, as an array of two. */
 static int takeAcross(dbCommon *prec, devRecord *dev, eipLink *link, unsigned nobt,
                       plcLinkError *error)
@@ -242,12 +258,11 @@ static int takeAcross(dbCommon *prec, devRecord *dev, eipLink *link, unsigned no
     devEip *own = eipOf(dev);
     eipWant wish;
 
-    if (supportOf(prec)->direction == devOut)
-        return devFail(error, 0, "bits %u to %u of the array lie in two DINTs; allowed: in one",
-                       link->index, link->index + nobt - 1);
     own->shift = link->index & 31;
     own->across = ((epicsUInt64)1 << nobt) - 1;
     link->index >>= 5;
+    if (supportOf(prec)->direction == devOut)
+        return takeTwo(prec, dev, link, error);
     wish = wishOf(link, eipArrayPlace);
     wish.count = own->elements = 2;
     return take(prec, dev, link, &wish, eipPlaceKindAt, error);
@@ -445,6 +460,34 @@ static int asTag(const eipType *type, const eipNumber *number, eipNumber *shown)
     return 0;
 }
 
+/* The part of a number whose bits are in the second element. Returns 0, or -1 with an alarm. */
+static int storeSecond(dbCommon *prec, const devRecord *dev, epicsUInt64 value)
+{
+    const devEip *own = eipOf(dev);
+    epicsUInt8 bytes[8], mask[8];
+    char reason[PLC_REASON_SIZE];
+
+    eipSetUnsigned(bytes, 8, (value & own->across) >> (32 - own->shift));
+    eipSetUnsigned(mask, 8, own->across >> (32 - own->shift));
+    if (plcStationWrite(dev->station, eipPlaceOffset(own->second) + eipPlaceHead, 8, bytes, mask,
+                        reason) == 0)
+        return 0;
+    return (int)devEipRefuse(prec, "%s", reason);
+}
+
+/* What the PLC shows of it, in its place among the bits of the number. */
+static epicsUInt64 shownSecond(const devRecord *dev)
+{
+    const devEip *own = eipOf(dev);
+    unsigned first = 32 - own->shift;
+    epicsUInt8 bytes[8];
+
+    if (plcImageRead(plcStationInput(dev->station),
+                     eipPlaceOffset(own->second) + eipPlaceHead, 8, bytes, NULL))
+        return 0;
+    return (eipGetUnsigned(bytes, 8) & own->across >> first) << first;
+}
+
 long devEipStore(dbCommon *prec, const eipNumber *number)
 {
     devRecord *dev = devOf(prec);
@@ -460,6 +503,8 @@ long devEipStore(dbCommon *prec, const eipNumber *number)
         bits = (epicsUInt64)number->u.integer << eipOf(dev)->shift & dev->mask;
         if (type && type->size && type->code != eipBool && dev->mask >> (8 * type->size - 1) > 1)
             return devEipRefuse(prec, "%s has no such bits", type->name);
+        if (eipOf(dev)->second && storeSecond(prec, dev, (epicsUInt64)number->u.integer))
+            return -1;
         eipSetUnsigned(bytes, 8, bits);
         return devStore(prec, bytes, devMask(dev, mask));
     }
@@ -548,6 +593,8 @@ void devEipShown(const devRecord *dev, const epicsUInt8 *bytes, eipNumber *numbe
     if (dev->mask && number->kind != eipReal) {
         number->kind = eipUnsigned;
         bits = (bits & dev->mask) >> eipOf(dev)->shift;
+        if (eipOf(dev)->second)
+            bits |= shownSecond(dev);
     }
     memcpy(&number->u, &bits, sizeof(bits));
 }

@@ -19,7 +19,9 @@ typedef struct devEip {
     size_t room;          /* of the place, bytes */
     epicsUInt32 elements; /* of an array */
     unsigned shift;       /* of the bits that are the record's own; all: dev->mask is 0 */
-    epicsUInt64 across;   /* bits that lie in two elements, an array of two; 0: they do not */
+    epicsUInt64 across;   /* bits that lie in two elements; 0: they do not. Inputs: the place
+                           * is an array of two */
+    eipPlace *second;     /* outputs: the place of the other element */
     int output;
     int force;            /* the PLC's value is written over, not followed, */
     int forced;           /* once the record has a value of its own */

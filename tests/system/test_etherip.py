@@ -224,14 +224,23 @@ def test_multibit(plant):
 
 
 def test_bits_across(plant):
-    """Bits of an array that lie in two DINTs are read together"""
+    """Bits of an array that lie in two DINTs are read together, and written"""
     plant.tags("tag D DINT[3]")
     plant.set("D[0]", -2**30)  # bits 30 and 31
     plant.set("D[1]", 2)
     plant.records(rec("mbbi", "a", "D[30] S 0.05", "NOBT=4"),
-                  rec("mbbiDirect", "b", "D[29] S 0.05", "NOBT=8"))
+                  rec("mbbiDirect", "b", "D[29] S 0.05", "NOBT=8"),
+                  rec("mbbo", "o", "D[30] S 0.05", "NOBT=4"))
     plant.ioc.wait_value("a", 0b1011)
     plant.ioc.wait_value("b", 0b10110)
+    plant.ioc.wait_value("o", 0b1011)
+    plant.set("D[1]", -4)
+    for value in range(16):
+        plant.ioc.put("o", value)
+        plant.ioc.wait_value("a", value)
+        first = value % 4 * 2**30
+        assert plant.tag("D[0]") == str(first if first < 2**31 else first - 2**32)
+        plant.wait_tag("D[1]", str(-4 + value // 4))
 
 
 def test_arrays(plant):
