@@ -16,6 +16,7 @@ PAIR = HERE.parents[1] / "phoenixRedundApp/Db"
 # How a value is posted. "change": when it differs. "runs": it counts or grows while all is
 # well. "time": it is measured anew with each block. "once": it never changes.
 NO_ORDER = [("VAL", "0"), ("UDF", "0"), ("PINI", "YES")]  # 0 does nothing
+CHANGES, SLOWLY = "Monitor, 00:00:01, VAL", "Scan, 00:01:00, VAL"  # for info(archive)
 QUIET = {"runs": "$(QUIET_COUNT=1000000000)", "age": "$(QUIET_AGE=600)", "time": "$(QUIET_MS=1000)"}
 
 
@@ -99,17 +100,17 @@ def text(size="256"):
 SEV, NSSV = "$(SEV=MAJOR)", "$(NSSV=MINOR)"
 
 STATE = [
-    Row("State", "mbbi", "state", "State of $(PLC)", small=True, archive="Monitor, 00:00:01, VAL",
+    Row("State", "mbbi", "state", "State of $(PLC)", small=True, archive=CHANGES,
         fields=states(("no address", "connecting", "waiting for data", "ok", "wrong size",
                        "frozen", "no PRIMARY", "layout mismatch"),
                       (SEV, SEV, SEV, None, SEV, SEV, SEV, SEV))),
     Row("Setpoints", "mbbi", "setpoints", "What becomes of puts to $(PLC)", small=True,
-        archive="Monitor, 00:00:01, VAL",
+        archive=CHANGES,
         fields=states(("no output", "they pass", "they wait", "LOCAL", "mismatch",
                        "PLC refuses some", "none", "not known"),
                       (SEV, None, NSSV, "$(LSV=NO_ALARM)", SEV, "$(REFUSED_SV=MINOR)", None,
                        NSSV))),
-    Row("Alive", "bi", "alive", "Data of $(PLC) is valid", small=True, archive="Monitor, 00:00:01, VAL",
+    Row("Alive", "bi", "alive", "Data of $(PLC) is valid", small=True, archive=CHANGES,
         fields=bi("not valid", "valid")),
     Row("TcpConnected", "bi", "connected", "TCP to $(PLC) is up",
         fields=bi("disconnected", "connected")),
@@ -135,8 +136,8 @@ COUNTERS = [
     Row("OutSize", "int64in", "outSize", "Block IOC -> PLC", unit="bytes"),
     Row("BurstSize", "int64in", "burstSize", "Size the PLC sends, 0 = right", unit="bytes"),
     Row("BlocksIn", "int64in", "blocksIn", "Blocks received: the heartbeat", small=True,
-        archive="Scan, 00:01:00, VAL"),
-    Row("BlocksOut", "int64in", "blocksOut", "Blocks sent", "runs", archive="Scan, 00:01:00, VAL"),
+        archive=SLOWLY),
+    Row("BlocksOut", "int64in", "blocksOut", "Blocks sent", "runs", archive=SLOWLY),
     Row("BytesIn", "int64in", "bytesIn", "Bytes received", "runs", "bytes"),
     Row("BytesOut", "int64in", "bytesOut", "Bytes sent", "runs", "bytes"),
     Row("Skipped", "int64in", "skipped", "Old blocks of a backlog", limits="high"),
@@ -144,7 +145,7 @@ COUNTERS = [
     Row("Ignored", "int64in", "ignored", "Blocks of a PLC that does not lead"),
     Row("Heartbeats", "int64in", "heartbeats", "Unchanged blocks sent", "runs"),
     Row("RefusedWrites", "int64in", "refusedWrites", "Puts refused", small=True,
-        limits="high", archive="Monitor, 00:00:01, VAL"),
+        limits="high", archive=CHANGES),
     Row("PutsWaiting", "int64in", "putsWaiting", "Puts that wait for the PLC"),
     Row("PutsDropped", "int64in", "putsDropped", "Puts that had to be dropped", limits="high"),
     Row("SlowSends", "int64in", "slowSends", "Blocks that waited for the PLC", limits="high"),
@@ -156,7 +157,7 @@ COUNTERS = [
     Row("LayoutMismatches", "int64in", "layoutMismatches", "Times the layout differed"),
     Row("Connects", "int64in", "connects", "Connections made"),
     Row("Reconnects", "int64in", "reconnects", "Connections lost", small=True,
-        limits="high", archive="Monitor, 00:00:01, VAL"),
+        limits="high", archive=CHANGES),
     Row("ConnectErrors", "int64in", "connectErrors", "Attempts that failed"),
     Row("ClockErrors", "int64in", "clockErrors", "PLC clocks that were no date"),
 ]
@@ -167,14 +168,14 @@ TIMES = [
     Row("HeartbeatAge", "ai", "heartbeatAge", "Since the last block out", "age", "s", 1,
         limits="high"),
     Row("ClockOffset", "ai", "clockOffset", "PLC clock - IOC clock", "change", "s", 3,
-        limits="both", archive="Scan, 00:01:00, VAL", fields=[("MDEL", "$(QUIET_CLOCK=1)"),
+        limits="both", archive=SLOWLY, fields=[("MDEL", "$(QUIET_CLOCK=1)"),
                                                     ("ADEL", "$(QUIET_CLOCK=1)")]),
     Row("Period", "ai", "period", "From block to block", "time", "ms", 2, limits="high"),
     Row("PeriodMin", "ai", "periodMin", "The shortest", "time", "ms", 2),
     Row("PeriodMax", "ai", "periodMax", "The longest", "time", "ms", 2, limits="high"),
-    Row("PeriodMean", "ai", "periodMean", "The mean", "time", "ms", 2, archive="Scan, 00:01:00, VAL"),
+    Row("PeriodMean", "ai", "periodMean", "The mean", "time", "ms", 2, archive=SLOWLY),
     Row("Jitter", "ai", "jitter", "Standard deviation", "time", "ms", 3, limits="high",
-        archive="Scan, 00:01:00, VAL"),
+        archive=SLOWLY),
     Row("SendLatency", "ai", "sendLatency", "Put to kernel", "time", "ms", 3, limits="high"),
     Row("SendLatencyMax", "ai", "sendLatencyMax", "Put to kernel, longest", "time", "ms", 3,
         limits="high"),
@@ -294,12 +295,12 @@ SYNC_HEAD = """\
 # The names with a colon ($(P)Sync:Time) are aliases, as in earlier databases.
 """
 SYNC = [
-    Row("Sync", "mbbi", "syncState", "Sync handshake with $(PLC)", archive="Monitor, 00:00:01, VAL",
+    Row("Sync", "mbbi", "syncState", "Sync handshake with $(PLC)", archive=CHANGES,
         fields=states(("disconnected", "waiting", "checking", "synced", "LOCAL",
                        "layout mismatch", "map mismatch", "map download"),
                       (NSSV, NSSV, NSSV, None, "$(LSV=NO_ALARM)", "MAJOR", "MAJOR", NSSV))),
     Row("SyncRemote", "bi", "remote", "Who has control of $(PLC)", alias="Sync:Remote",
-        archive="Monitor, 00:00:01, VAL", fields=bi("LOCAL", "REMOTE")),
+        archive=CHANGES, fields=bi("LOCAL", "REMOTE")),
     Row("SyncTime", "ai", "syncTime", "Time in this state", "age", "s", 0, alias="Sync:Time"),
     Row("SyncRefused", "int64in", "refusedWrites", "Puts to $(PLC) that were refused",
         alias="Sync:Refused"),
@@ -319,7 +320,7 @@ TABLES_HEAD = """\
 # The names with a colon ($(P)Map:Reason) are aliases, as in earlier databases.
 """
 TABLES = [
-    Row("Map", "mbbi", "mapState", "Table of pointers of $(PLC)", archive="Monitor, 00:00:01, VAL",
+    Row("Map", "mbbi", "mapState", "Table of pointers of $(PLC)", archive=CHANGES,
         fields=states(("disconnected", "waiting", "fixed tables", "equal", "map mismatch",
                        "beginning", "loading", "PLC checks", "refused"),
                       (None, None, None, None, "MAJOR", "MINOR", "MINOR", "MINOR", "MAJOR"))),
@@ -343,14 +344,14 @@ MODBUS_HEAD = """\
 """ + COMMON
 MODBUS = [
     Row("OutputConnected", "bi", "outputConnected", "Outputs of $(PLC) go somewhere",
-        archive="Monitor, 00:00:01, VAL", fields=bi("disconnected", "connected", "$(SEV=MAJOR)")),
+        archive=CHANGES, fields=bi("disconnected", "connected", "$(SEV=MAJOR)")),
     Row("Requests", "int64in", "requests", "Requests sent", "runs"),
     Row("Exceptions", "int64in", "exceptions", "Requests refused", limits="high",
-        archive="Monitor, 00:00:01, VAL"),
+        archive=CHANGES),
     Row("RequestTimeouts", "int64in", "requestTimeouts", "Requests not answered",
-        limits="high", archive="Monitor, 00:00:01, VAL"),
+        limits="high", archive=CHANGES),
     Row("RequestLatency", "ai", "requestLatency", "Request to answer", "time", "ms", 3,
-        limits="high", archive="Scan, 00:01:00, VAL"),
+        limits="high", archive=SLOWLY),
     Row("RequestLatencyMax", "ai", "requestLatencyMax", "The longest", "time", "ms", 3,
         limits="high"),
 ]
@@ -389,19 +390,19 @@ PAIR_ROWS = [
     pair("Backup", "mbbi", "", "BACKUP PLC: which one, and linked?", "BACKUP",
          states(("no partner", "plc-1st unlinked", "plc-2nd unlinked", "plc-1st linked",
                  "plc-2nd linked", "unknown"), (None, "MINOR", "MINOR", None, None, "MINOR")),
-         archive="Monitor, 00:00:01, VAL"),
+         archive=CHANGES),
     pair("BackupLink", "stringin", "backupLink", "By what the BACKUP is linked, or not",
          "BACKUP_LINK"),
     pair("Primary", "mbbi", "primary", "PRIMARY PLC: the one that leads", "PRIMARY",
-         states(("none", "FIRST", "SECOND"), ("MAJOR",)), archive="Monitor, 00:00:01, VAL"),
+         states(("none", "FIRST", "SECOND"), ("MAJOR",)), archive=CHANGES),
     pair("Switchovers", "longin", "switchovers", "Switch-overs since the IOC started",
-         "SWITCHOVERS", archive="Monitor, 00:00:01, VAL"),
+         "SWITCHOVERS", archive=CHANGES),
     pair("SwitchTime", "stringin", "lastSwitchTime", "When the last switch-over was",
          "SWITCH_TIME"),
     pair("SwitchReason", "stringin", "lastSwitchReason", "Why the last switch-over was",
          "SWITCH_REASON"),
     pair("SwitchDuration", "ai", "lastSwitchDuration", "From last old to first new block",
-         "SWITCH_DURATION", unit="ms", prec=1, archive="Monitor, 00:00:01, VAL"),
+         "SWITCH_DURATION", unit="ms", prec=1, archive=CHANGES),
     pair("Connected1", "bi", "connected1", "TCP connection to FIRST", "CONNECTED1",
          bi("not connected", "connected", "MINOR")),
     pair("Connected2", "mbbi", "connected2", "TCP connection to SECOND", "CONNECTED2",
@@ -410,7 +411,7 @@ PAIR_ROWS = [
     pair("Reachable2", "mbbi", "reachable2", "SECOND answers ICMP echo", "REACHABLE2",
          ANSWERS),
     pair("TwoPrimaries", "bi", "twoPrimaries", "Both PLCs send", "TWO_PRIMARIES",
-         bi("no", "two PRIMARIES", None, "MAJOR"), archive="Monitor, 00:00:01, VAL"),
+         bi("no", "two PRIMARIES", None, "MAJOR"), archive=CHANGES),
     pair("TwoPrimariesCount", "longin", "twoPrimariesCount", "How often both began to send",
          "TWO_PRIMARIES_COUNT"),
 ]
@@ -469,7 +470,8 @@ def small():
 def files():
     """Path and text of each file."""
     return {
-        HERE / "s7plcStation.db": text_of(FULL, *station(), ("Refusals", refused()), ("Live", live())),
+        HERE / "s7plcStation.db": text_of(FULL, *station(), ("Refusals", refused()),
+                                          ("Live", live())),
         HERE / "s7plcStationSmall.db": text_of(SMALL, *small(), ("Refusals", refused())),
         HERE / "s7plcSync.db": text_of(SYNC_HEAD, ("", SYNC)),
         HERE / "s7plcTables.db": text_of(TABLES_HEAD, ("", TABLES)),

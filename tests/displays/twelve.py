@@ -95,7 +95,8 @@ def station(plc):
 
 # State: what brings it, what to wait for, which displays, what ends it
 STATES = [
-    ("01-normal", lambda p: p.ioc.put("press", 20.5), lambda p: p.is_state("PRESS", 1, pv="Setpoints"),
+    ("01-normal", lambda p: p.ioc.put("press", 20.5),
+     lambda p: p.is_state("PRESS", 1, pv="Setpoints"),
      [OVERVIEW, station("PLC1"), ("Modbus", "PRESS"), ("Sync", "OVEN"), ("Pair", "PAIR")],
      lambda p: None),
     ("02-lost", lambda p: p.PLC1.command("unplug"), lambda p: p.is_state("PLC1", 1),
@@ -122,7 +123,8 @@ STATES = [
                             p.ioc.put("oven", 5, wait=False)),
      lambda p: p.is_state("OVEN", 1, pv="Refused"),
      [OVERVIEW, station("OVEN"), ("Sync", "OVEN")], lambda p: p.OVEN.command("remote")),
-    ("10-switched", lambda p: p.PAIR.command("unplug 1"), lambda p: p.is_state("PAIR", 5, pv="Pair"),
+    ("10-switched", lambda p: p.PAIR.command("unplug 1"),
+     lambda p: p.is_state("PAIR", 5, pv="Pair"),
      [OVERVIEW, station("PAIR"), ("Pair", "PAIR")], lambda p: p.PAIR.command("plug 1")),
     ("11-two", lambda p: p.PAIR.command("twoprimaries"), lambda p: p.is_state("PAIR", 3, pv="Pair"),
      [OVERVIEW, ("Pair", "PAIR")], lambda p: p.PAIR.command("twoprimaries off")),

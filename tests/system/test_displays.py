@@ -75,5 +75,6 @@ def test_adl():
         text = file.read_text()
         assert text.count("{") == text.count("}"), file
         number = int(text.split("ncolors=")[1].split()[0])
-        used = [int(line.split("=")[1]) for line in text.split() if line.startswith(("clr=", "bclr="))]
+        used = [int(word.split("=")[1]) for word in text.split()
+                if word.startswith(("clr=", "bclr="))]
         assert used and max(used) < number, file

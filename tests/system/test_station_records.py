@@ -19,14 +19,16 @@ DATABASES = ["s7plcStation.db", "s7plcSync.db", "s7plcModbus.db", "s7plcTables.d
 
 def record_names(files, macros):
     text = "".join((TOP / "db" / file).read_text() for file in files)
-    return [lint.expand(name, macros) for name in re.findall(r'record\(\s*\w+\s*,\s*"([^"]+)"', text)]
+    return [lint.expand(name, macros)
+            for name in re.findall(r'record\(\s*\w+\s*,\s*"([^"]+)"', text)]
 
 
 @pytest.fixture
 def load(new_sim, new_ioc):
     """load(files, macros) -> a PLC of plcSim and its IOC with these databases, connected."""
     def make(files, macros="", signals="signal 0 UINT16 constant 7", options=""):
-        sim = new_sim(f"name = PLC\nin = 32\nout = 16\nbyteorder = big\nperiod = 100 ms\n{signals}\n")
+        sim = new_sim("name = PLC\nin = 32\nout = 16\nbyteorder = big\nperiod = 100 ms\n"
+                      f"{signals}\n")
         configure = f"s7plcConfigure(PLC, 127.0.0.1, {sim.port}, 32, 16, 1, 5000, 100)\n{options}"
         ioc = new_ioc(configure, "", templates=[(f, "P=$(P),PLC=PLC" + macros) for f in files])
         return sim, ioc
@@ -55,7 +57,7 @@ def test_quiet(load):
     """a PLC where nothing happens posts less than one value in 10 s, but for its heartbeat"""
     sim, ioc = load(DATABASES, options="s7plcSetOption PLC, heartbeat, 500")
     ioc.wait_value("State", 3)
-    names = [n for n in record_names(DATABASES, {"P": ioc.P})]
+    names = record_names(DATABASES, {"P": ioc.P})
     assert len(names) > 80
     posts = Posts(names)
     beat = ioc.P + "BlocksIn"

@@ -109,7 +109,8 @@ def station():
             [("Since block in", "BlockAge", SECONDS), ("Since block out", "HeartbeatAge", SECONDS),
              ("Size in", "InSize", "12345678 bytes"), ("Size out", "OutSize", "12345678 bytes"),
              ("If wrong: it sends", "BurstSize", "12345678 bytes"),
-             ("Layout of PLC", "LayoutPlc", "65535"), ("PLC clock - IOC", "ClockOffset", "-86400.000 s")])
+             ("Layout of PLC", "LayoutPlc", "65535"),
+             ("PLC clock - IOC", "ClockOffset", "-86400.000 s")])
     d.group("Block to block", 16, 496, 130, 100,
             [("Last", "Period", MS), ("Shortest", "PeriodMin", MS), ("Longest", "PeriodMax", MS),
              ("Mean", "PeriodMean", MS), ("Jitter", "Jitter", MS)])

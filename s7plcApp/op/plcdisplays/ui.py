@@ -118,12 +118,13 @@ class CaQtDM(Writer):
             _property("XaxisLimits", "string", "0.01;10000", True)])
 
     def frame(self, d, body):
+        style = f"QWidget#centralWidget {{background: {_css(BACKGROUND)};}}"
         return (f'<?xml version="1.0" encoding="UTF-8"?>\n<!-- {escape(d.about)} -->\n'
                 f'<ui version="4.0"><class>MainWindow</class>'
                 f'<widget class="QMainWindow" name="MainWindow">{_rect(0, 0, d.w, d.h)}'
                 f'{_property("windowTitle", "string", d.title)}'
                 f'<widget class="QWidget" name="centralWidget">'
-                f'{_property("styleSheet", "string", f"QWidget#centralWidget {{background: {_css(BACKGROUND)};}}")}'
+                f'{_property("styleSheet", "string", style)}'
                 f"\n{body}\n</widget></widget></ui>\n")
 
 
@@ -204,9 +205,11 @@ class PyDM(Writer):
     def plot(self, i):
         """Over the number of the bin: PyDM has no logarithmic x axis, and bins are one."""
         curve = json.dumps({"name": "", "x_channel": None,
-                            "y_channel": "ca://" + self.macros(i.y_pv), "color": "#005aa0", "lineWidth": 3, "symbol": None})
+                            "y_channel": "ca://" + self.macros(i.y_pv),
+                            "color": "#005aa0", "lineWidth": 3, "symbol": None})
         title = self.widget("QLabel", (i.x, i.y, i.w, 20), [
-            self.style(self.font(14, True)), _property("text", "string", f"{i.title}: {i.y_title} in each bin"),
+            self.style(self.font(14, True)),
+            _property("text", "string", f"{i.title}: {i.y_title} in each bin"),
             _property("alignment", "set", "Qt::AlignCenter")])
         return title + self.widget("PyDMWaveformPlot", (i.x, i.y + 20, i.w, i.h - 20), [
             _property("curves", "stringlist", f"<string>{escape(curve)}</string>", True),
