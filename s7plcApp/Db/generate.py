@@ -341,6 +341,7 @@ MODBUS_HEAD = """\
 #
 """ + MACROS + """\
 #   SEV   severity while outputs go nowhere, default MAJOR
+#   LIVE  the record Live of s7plcStation.db; "" where that is not loaded
 """ + COMMON
 MODBUS = [
     Row("OutputConnected", "bi", "outputConnected", "Outputs of $(PLC) go somewhere",
