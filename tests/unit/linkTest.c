@@ -158,6 +158,10 @@ static const struct {
     {"W=lowT=WORD",      plcHasW | plcHasT, 0, 0},
     {"R=4W=high",        plcHasW | plcHasR, 1, 0},
     {"B=3\tW=low",       plcHasW | plcHasB, 0, 0},
+    {"W=ABCD",           plcHasW,           1, 0},
+    {"W=cdab",           plcHasW,           0, 0},
+    {"W=BADC",           plcHasW,           1, 0},
+    {"W=DCBA",           plcHasW,           0, 0},
 };
 
 static void testWords(void)
@@ -178,6 +182,40 @@ static void testWords(void)
                    link.column.W == strcspn(text, "Ww"),
                "%s %s", text, error.text);
     }
+}
+
+/* The bytes of 0x0A0B0C0D, and of 0x0A0B, whatever bigEndian is. */
+static const struct {
+    const char *options;
+    epicsUInt8 bytes[4];
+    epicsInt64 value;
+} letters[] = {
+    {"T=INT32 W=ABCD", {0x0A, 0x0B, 0x0C, 0x0D}, 0x0A0B0C0D},
+    {"T=INT32 W=CDAB", {0x0C, 0x0D, 0x0A, 0x0B}, 0x0A0B0C0D},
+    {"T=INT32 W=BADC", {0x0B, 0x0A, 0x0D, 0x0C}, 0x0A0B0C0D},
+    {"T=INT32 W=DCBA", {0x0D, 0x0C, 0x0B, 0x0A}, 0x0A0B0C0D},
+    {"T=INT16 W=ABCD", {0x0A, 0x0B},             0x0A0B    },
+    {"T=INT16 W=BADC", {0x0B, 0x0A},             0x0A0B    },
+    {"T=INT16 W=DCBA", {0x0B, 0x0A},             0x0A0B    },
+};
+
+static void testLetters(void)
+{
+    size_t i;
+    int big;
+
+    for (i = 0; i < COUNT(letters); i++)
+        for (big = 0; big < 2; big++) {
+            char text[100];
+            plcLink link;
+            plcLinkError error;
+
+            epicsSnprintf(text, sizeof(text), "@PLC/4 %s", letters[i].options);
+            testOk(plcLinkParse(text, &link, &error) == 0 &&
+                       plcGetInt(link.type, letters[i].bytes, plcLinkOrder(&link, big)) ==
+                           letters[i].value,
+                   "%s, bigEndian %d", letters[i].options, big);
+        }
 }
 
 static void testColumns(void)
@@ -303,6 +341,9 @@ static const struct {
     {"@PLC/4 T=",                                                   9,  "T= has no value; allowed: such as T=INT16"                   },
     {"@PLC/4 T=L=4",                                                9,  "T= has no value; allowed: such as T=INT16"                   },
     {"@PLC/4 T='INT8'",                                             9,  "T= has no value; allowed: such as T=INT16"                   },
+    {"@PLC/4 T=DINT", 9, "T=DINT is no data type; allowed: T=INT32, a DINT of the PLC"},
+    {"@PLC/4 T=INT32_BE", 9,
+     "T=INT32_BE is no data type; allowed: T=INT32 W=ABCD, the same in asyn's modbus"},
     {"@PLC/4 T=FLOT",                                               9,
      "T=FLOT is no data type; allowed: INT8 UINT8 INT16 UINT16 INT32 UINT32 INT64 UINT64 "
      "REAL32 REAL64 STRING TIME S7STRING"                                                                                                      },
@@ -349,13 +390,13 @@ static const struct {
     {"@PLC/4 B=1.2",                                                10, "B=1.2 is no whole number"                                    },
     {"@PLC/4 B=0x1B=1",                                             13, ""                                                            },
     {"@PLC/4 R=",                                                   9,  "R= \"\" is no number; allowed: such as 20 or 20+2"           },
-    {"@PLC/4 W=",                                                   9,  "W= has no value; allowed: W=high W=low"                      },
-    {"@PLC/4 W= high",                                              9,  "W= has no value; allowed: W=high W=low"                      },
-    {"@PLC/4 W=''",                                                 9,  "W= has no value; allowed: W=high W=low"                      },
-    {"@PLC/4 W=hi",                                                 9,  "W=hi is no word order; allowed: W=high W=low"                },
-    {"@PLC/4 W=lower",                                              9,  "W=lower is no word order; allowed: W=high W=low"             },
-    {"@PLC/4 W=1",                                                  9,  "W=1 is no word order; allowed: W=high W=low"                 },
-    {"@PLC/4 T=FLOAT W=low=",                                       17, "W=low= is no word order; allowed: W=high W=low"              },
+    {"@PLC/4 W=",                                                   9,  "W= has no value; allowed: W=high low ABCD CDAB BADC DCBA"                      },
+    {"@PLC/4 W= high",                                              9,  "W= has no value; allowed: W=high low ABCD CDAB BADC DCBA"                      },
+    {"@PLC/4 W=''",                                                 9,  "W= has no value; allowed: W=high low ABCD CDAB BADC DCBA"                      },
+    {"@PLC/4 W=hi",                                                 9,  "W=hi is no word order; allowed: W=high low ABCD CDAB BADC DCBA"                },
+    {"@PLC/4 W=lower",                                              9,  "W=lower is no word order; allowed: W=high low ABCD CDAB BADC DCBA"             },
+    {"@PLC/4 W=1",                                                  9,  "W=1 is no word order; allowed: W=high low ABCD CDAB BADC DCBA"                 },
+    {"@PLC/4 T=FLOAT W=low=",                                       17, "W=low= is no word order; allowed: W=high low ABCD CDAB BADC DCBA"              },
     {"@PLC/4 R=-1",                                                 9,  "R= -1 is negative; allowed: 0 and more"                      },
     {"@PLC/4 R=4-2",                                                10, "R= \"4-2\": only sums such as 4+2 are allowed"               },
     {"@PLC/4 R=x",                                                  9,  ""                                                            },
@@ -725,7 +766,7 @@ static void testNoise(void)
 
 MAIN(linkTest)
 {
-    testPlan(COUNT(places) + COUNT(optionRows) + COUNT(wordRows) + 5 + COUNT(doubts) + 3 +
+    testPlan(2 * COUNT(letters) + COUNT(places) + COUNT(optionRows) + COUNT(wordRows) + 5 + COUNT(doubts) + 3 +
              COUNT(refusals) + 2 + COUNT(completions) + COUNT(misfits) +
              COUNT(orderRows) + 4);
     testDiag("Place and type");
@@ -733,6 +774,7 @@ MAIN(linkTest)
     testDiag("Options");
     testOptions();
     testWords();
+    testLetters();
     testColumns();
     testDiag("Accepted with a warning");
     testDoubts();

@@ -167,11 +167,11 @@ static const struct {
      "S7plc aao \"link4\" warning: OUT: W= has no effect on INT16: only types of 4 and 8 bytes "
      "have an order of words\n"},
     {"ai", "INP=@L/0 T=INT32 W=LSW",
-     "S7plc ai \"link5\" INP: W=LSW is no word order; allowed: W=high W=low\n"
+     "S7plc ai \"link5\" INP: W=LSW is no word order; allowed: W=high low ABCD CDAB BADC DCBA\n"
      "    @L/0 T=INT32 W=LSW\n"
      "                   ^\n"},
     {"ai", "INP=@L/0 T=INT32 W=",
-     "S7plc ai \"link6\" INP: W= has no value; allowed: W=high W=low\n"
+     "S7plc ai \"link6\" INP: W= has no value; allowed: W=high low ABCD CDAB BADC DCBA\n"
      "    @L/0 T=INT32 W=\n"
      "                   ^\n"},
     {"ai", "INP=@L/0 T=FLOAT W=high W=low",

@@ -72,7 +72,7 @@ static const optRow rows[] = {
  "the PLC's table of pointers (s7plcTables): not looked at, compared, or sent when it differs"},
 {"layoutAt",       optOffset, AT(layoutAt),       0, 0,  PLC_BLOCK_MAX, "bytes", NULL, PLC_OFF, 1,
  "without sync: where the input block has the PLC's layout id, a UINT16"},
-{"wordOrder",      optChoice, AT(wordOrder),      0, 0,  0, "", "bytes|high|low", 0, 1,
+{"wordOrder",      optChoice, AT(wordOrder),      0, 0,  0, "", "bytes|high|low|ABCD|CDAB|BADC|DCBA", 0, 1,
  "which 16-bit word of values of 4 and 8 bytes comes first; bytes: as they are ordered"},
 {"connectTimeout", optNumber, AT(connectTimeout), 0, 50, 60000,   "ms", NULL, 900,  0,
  "an attempt to connect is given up after this time, and the next one begins"},

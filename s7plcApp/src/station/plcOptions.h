@@ -13,7 +13,9 @@
 enum { plcOfflineKeep, plcOfflineReject }; /* offlineWrites= */
 enum { plcScanAll, plcScanChanged };       /* scan= */
 enum { plcClockIsDt, plcClockIsDtl };      /* timestamp= */
-enum { plcWordsAsBytes, plcWordsHigh, plcWordsLow }; /* wordOrder= */
+/* wordOrder= */
+enum { plcWordsAsBytes, plcWordsHigh, plcWordsLow, plcWordsABCD, plcWordsCDAB, plcWordsBADC,
+       plcWordsDCBA };
 enum { plcMaskRefuse, plcMaskRmw };        /* maskWrite= */
 enum { plcPassOwn, plcPassCallback };      /* scanThread= */
 

@@ -451,8 +451,12 @@ static int optionsFit(plcStation *s, const plcOptions *o, char *error, size_t si
 
 static int orderOf(int bigEndian, int wordOrder)
 {
-    return wordOrder == plcWordsAsBytes ? bigEndian
-                                        : plcOrder(bigEndian, wordOrder == plcWordsHigh);
+    if (wordOrder == plcWordsAsBytes)
+        return bigEndian;
+    if (wordOrder >= plcWordsABCD)
+        bigEndian = wordOrder == plcWordsABCD || wordOrder == plcWordsCDAB;
+    return plcOrder(bigEndian, wordOrder == plcWordsHigh || wordOrder == plcWordsABCD ||
+                                   wordOrder == plcWordsBADC);
 }
 
 int plcStationSetOption(plcStation *s, const char *key, const char *value, char *error,

@@ -250,10 +250,54 @@ static int parseSigned(cursor *c, char letter, epicsInt64 *result)
     return 0;
 }
 
+/* Names of types that people bring along, and what they are here. Returns NULL for others. */
+static const char *otherName(const char *name, size_t length)
+{
+    static const struct {
+        const char *name, *here;
+    } others[] = {
+        {"REAL",          "T=REAL32, a REAL of the PLC"               },
+        {"LREAL",         "T=REAL64, an LREAL of the PLC"             },
+        {"SINT",          "T=INT8, a SINT of the PLC"                 },
+        {"USINT",         "T=UINT8, a USINT of the PLC"               },
+        {"INT",           "T=INT16, an INT of the PLC"                },
+        {"UINT",          "T=UINT16, a UINT of the PLC"               },
+        {"DINT",          "T=INT32, a DINT of the PLC"                },
+        {"UDINT",         "T=UINT32, a UDINT of the PLC"              },
+        {"LINT",          "T=INT64, a LINT of the PLC"                },
+        {"ULINT",         "T=UINT64, a ULINT of the PLC"              },
+        {"BOOL",          "T=BYTE B=bit, in a bi or bo"               },
+        {"INT32_LE",      "T=INT32 W=CDAB, the same in asyn's modbus" },
+        {"INT32_BE",      "T=INT32 W=ABCD, the same in asyn's modbus" },
+        {"INT32_LE_BS",   "T=INT32 W=DCBA, the same in asyn's modbus" },
+        {"INT32_BE_BS",   "T=INT32 W=BADC, the same in asyn's modbus" },
+        {"UINT32_LE",     "T=UINT32 W=CDAB, the same in asyn's modbus"},
+        {"UINT32_BE",     "T=UINT32 W=ABCD, the same in asyn's modbus"},
+        {"UINT32_LE_BS",  "T=UINT32 W=DCBA, the same in asyn's modbus"},
+        {"UINT32_BE_BS",  "T=UINT32 W=BADC, the same in asyn's modbus"},
+        {"FLOAT32_LE",    "T=REAL32 W=CDAB, the same in asyn's modbus"},
+        {"FLOAT32_BE",    "T=REAL32 W=ABCD, the same in asyn's modbus"},
+        {"FLOAT32_LE_BS", "T=REAL32 W=DCBA, the same in asyn's modbus"},
+        {"FLOAT32_BE_BS", "T=REAL32 W=BADC, the same in asyn's modbus"},
+        {"FLOAT64_LE",    "T=REAL64 W=CDAB, the same in asyn's modbus"},
+        {"FLOAT64_BE",    "T=REAL64 W=ABCD, the same in asyn's modbus"},
+        {"FLOAT64_LE_BS", "T=REAL64 W=DCBA, the same in asyn's modbus"},
+        {"FLOAT64_BE_BS", "T=REAL64 W=BADC, the same in asyn's modbus"},
+    };
+    size_t i;
+
+    for (i = 0; i < sizeof(others) / sizeof(others[0]); i++)
+        if (strlen(others[i].name) == length &&
+            epicsStrnCaseCmp(others[i].name, name, length) == 0)
+            return others[i].here;
+    return NULL;
+}
+
 static int parseT(cursor *c, plcLink *link)
 {
     char quote[QUOTE_SIZE], types[100];
     size_t start = c->at;
+    const char *hint;
 
     while (!atEnd(c))
         c->at++;
@@ -262,6 +306,9 @@ static int parseT(cursor *c, plcLink *link)
     link->type = plcTypeFind(c->text + start, c->at - start);
     if (link->type)
         return 0;
+    if ((hint = otherName(c->text + start, c->at - start)))
+        return fail(c->error, start, "T=%s is no data type; allowed: %s",
+                    wordFrom(c, start, quote), hint);
     plcTypeList(~0u, 8, types, sizeof(types));
     return fail(c->error, start, "T=%s is no data type; allowed: %s",
                 wordFrom(c, start, quote), types);
@@ -297,24 +344,38 @@ static int parseR(cursor *c, plcLink *link)
     return parseSum(c, "R=", &link->readback);
 }
 
+#define WORD_ORDERS "high low ABCD CDAB BADC DCBA"
+
 static int parseW(cursor *c, plcLink *link)
 {
-    static const char *const words[] = {"low", "high"};
+    static const struct {
+        const char *word;
+        int high, bigEndian;
+    } orders[] = {
+        {"low",  0, -1},
+        {"high", 1, -1},
+        {"ABCD", 1, 1 },
+        {"CDAB", 0, 1 },
+        {"BADC", 1, 0 },
+        {"DCBA", 0, 0 },
+    };
+    unsigned i;
     char quote[QUOTE_SIZE];
     size_t start = c->at;
 
     while (!atEnd(c))
         c->at++;
     if (c->at == start)
-        return fail(c->error, start, "W= has no value; allowed: W=high W=low");
-    for (link->highWordFirst = 0; link->highWordFirst < 2; link->highWordFirst++) {
-        const char *word = words[link->highWordFirst];
-
-        if (strlen(word) == c->at - start &&
-            epicsStrnCaseCmp(c->text + start, word, c->at - start) == 0)
-            return 0;
+        return fail(c->error, start, "W= has no value; allowed: W=" WORD_ORDERS);
+    for (i = 0; i < sizeof(orders) / sizeof(orders[0]); i++) {
+        if (strlen(orders[i].word) != c->at - start ||
+            epicsStrnCaseCmp(c->text + start, orders[i].word, c->at - start))
+            continue;
+        link->highWordFirst = orders[i].high;
+        link->wordBigEndian = orders[i].bigEndian;
+        return 0;
     }
-    return fail(c->error, start, "W=%s is no word order; allowed: W=high W=low",
+    return fail(c->error, start, "W=%s is no word order; allowed: W=" WORD_ORDERS,
                 wordFrom(c, start, quote));
 }
 
@@ -547,7 +608,8 @@ static void completeReal(const plcLink *link, plcLinkError *error)
 /* The order of words, where there are words: elements of 4 and 8 bytes. */
 static void completeWords(const plcLink *link, const plcShape *shape, plcLinkError *error)
 {
-    if (link->has & plcHasW && !(shape->options & plcHasW && link->type->size >= 4))
+    if (link->has & plcHasW && !(shape->options & plcHasW &&
+                                 link->type->size >= (link->wordBigEndian < 0 ? 4 : 2)))
         warn(error, link->column.W,
              "W= has no effect on %s: only types of 4 and 8 bytes "
              "have an order of words",
@@ -580,6 +642,8 @@ int plcLinkOrder(const plcLink *link, int order)
 {
     int bigEndian = order & plcBigEndian;
 
+    if (link->has & plcHasW && link->wordBigEndian >= 0)
+        bigEndian = link->wordBigEndian ? plcBigEndian : 0;
     if (link->type->size < 4)
         return bigEndian;
     return link->has & plcHasW ? plcOrder(bigEndian, link->highWordFirst) : order;

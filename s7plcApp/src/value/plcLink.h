@@ -33,7 +33,8 @@ typedef struct plcLink {
     epicsInt64 high;     /* H= */
     unsigned bit;        /* B= */
     size_t readback;     /* R=: where in the input block the PLC shows this output */
-    int highWordFirst;   /* W=: which 16-bit word of 4 and 8 bytes comes first */
+    int highWordFirst;   /* W=: which 16-bit word of 4 and 8 bytes comes first; */
+    int wordBigEndian;   /* and which byte in a word, 1: the upper; -1: as everywhere in the PLC */
     struct {             /* columns in the text, for messages; its end when not given */
         size_t offset, T, L, H, B, R, W;
     } column;
