@@ -23,6 +23,13 @@ def test_generated():
     assert run.returncode == 0, run.stdout + run.stderr
 
 
+def test_small():
+    """the overview needs no more of a PLC than s7plcStationSmall.db has"""
+    known = lint.records({"P": "P:"}, ["s7plcApp/Db/s7plcStationSmall.db"])
+    shown = {pv for i in displays.overview([("PLC", "P:", [])]).items for pv in i.pvs()}
+    assert shown and shown <= known, shown - known
+
+
 FAULTS = [
     ("no record for $(P)Nonsense", lambda d: d.value("$(P)Nonsense", 0, 0, 50)),
     ('"Much too long" needs', lambda d: d.label("Much too long", 0, 0, 50)),

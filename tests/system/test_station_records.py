@@ -129,3 +129,21 @@ def test_generated():
     run = subprocess.run([sys.executable, TOP / "s7plcApp/Db/generate.py", "--check"],
                          capture_output=True, text=True)
     assert run.returncode == 0, run.stdout + run.stderr
+
+
+def test_switched(new_sim, new_ioc):
+    """Pair says that a switch-over was, until somebody has seen it; the old names are there"""
+    sim = new_sim("name = PLC\nin = 32\nout = 16\nbyteorder = big\nperiod = 100 ms\nrole = pair\n"
+                  "address = 127.0.0.2\nswitchover = 300 ms\nsignal 0 UINT32 counter\n")
+    configure = f'phoenixplcConfigure(PLC, "127.0.0.2", {sim.port}, 32, 16, 1, 5000, 100, 1)'
+    ioc = new_ioc(configure, "", program="phoenixIoc",
+                  templates=[(f, "P=$(P),PLC=PLC") for f in ("phoenixplcStatus.db",
+                                                             "s7plcStation.db")])
+    ioc.wait_value("Pair", 1)
+    assert ioc.text("AddressFirst") == f"127.0.0.2:{sim.port}"
+    assert ioc.text("AddressSecond") == f"127.0.0.3:{sim.port}"
+    sim.command("switchover")
+    ioc.wait_value("Pair", 5)
+    assert ioc.text("PRIMARY") == ioc.text("Primary") == "SECOND"
+    ioc.process_record("SwitchSeen")
+    ioc.wait_value("Pair", 2)

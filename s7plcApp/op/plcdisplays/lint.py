@@ -35,10 +35,10 @@ def expand(text, macros):
         text = after
 
 
-def records(macros):
-    """Names of the records and aliases of all databases, with P left as it is."""
+def records(macros, files=DATABASES):
+    """Names of the records and aliases of these databases."""
     names = set()
-    for file in DATABASES:
+    for file in files:
         text = (TOP / file).read_text()
         for name in re.findall(r'(?:record\(\s*\w+\s*,|alias\()\s*"([^"]+)"', text):
             names.add(expand(name, macros))
