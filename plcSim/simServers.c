@@ -7,10 +7,18 @@
 
 #include "simBlockServer.h"
 #include "simEipServer.h"
+#ifdef PLCSIM_MODBUS /* where libmodbus is */
 #include "simModbusServer.h"
+#endif
 
-const simServerType *const simServers[] = {&simBlockServerType, &simModbusServerType,
-                                           &simEipServerType, NULL};
+const simServerType *const simServers[] = {
+    &simBlockServerType,
+#ifdef PLCSIM_MODBUS
+    &simModbusServerType,
+#endif
+    &simEipServerType,
+    NULL,
+};
 
 void simServersKeys(simConfig *config)
 {

@@ -92,10 +92,15 @@ def test_without_modbus(tmp_path):
         "O.*", ".git", "bin", "lib", "dbd", "db", "include", "cfg", "tests", "iocBoot", "*.pyc"))
     (tree / "configure/CONFIG_SITE.local").write_text("HAS_MODBUS = NO\n")
     (tree / "configure/RELEASE.local").write_text(f"EPICS_BASE = {BASE}\n")
-    for directory in ("configure", "s7plcApp"):
+    said = ""
+    for directory in ("configure", "s7plcApp", "phoenixRedundApp", "plcSim"):
         run = make(tree, "-s", "-j2", "-C", directory)
         assert run.returncode == 0, run.stderr
-    assert [line for line in run.stdout.splitlines() if "Modbus" in line] == [
+        said += run.stdout
+    needs = subprocess.run(["ldd", *(tree / "bin" / ARCH).glob("*Ioc"), tree / "bin" / ARCH / "plcSim"],
+                           text=True, stdout=subprocess.PIPE, check=True).stdout
+    assert "libmodbus" not in needs
+    assert [line for line in said.splitlines() if "Modbus" in line] == [
         f"s7plcModbus left out for {ARCH} (PLCs over Modbus/TCP): libmodbus is not there "
         "(Debian: libmodbus-dev)"], run.stdout
     assert "modbus" not in (tree / "dbd/s7plcIoc.dbd").read_text()
