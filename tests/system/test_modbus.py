@@ -3,6 +3,7 @@ import random
 import struct
 import time
 
+import epics
 import pytest
 
 from ioc import errors_in
@@ -751,6 +752,26 @@ def test_timeout(new_modbus, new_ioc):
     ioc.wait_alarm("in", "NO_ALARM")
     until_equal(lambda: peer.holding[20], 99)
     ioc.wait_alarm("out", "NO_ALARM")
+
+
+def test_output_connected(new_modbus, new_ioc):
+    """outputConnected stays 0 while a server takes connections and answers nothing"""
+    peer = new_modbus()
+    ioc = new_ioc(peer.configure("holding 0 10", "holding 20 10", timeout=100),
+                  'record(longin, "$(P)oc") { field(DTYP, "S7plc stats") '
+                  'field(INP, "@PLC/outputConnected") field(SCAN, "I/O Intr") }')
+    ioc.wait_value("oc", 1)
+    peer.silent = True
+    ioc.wait_value("oc", 0)
+    seen = []
+    pv = epics.PV(ioc.P + "oc", callback=lambda value=None, **_: seen.append(value))
+    until(lambda: seen, "the first value of the monitor")
+    peer.wait_connected(peer.connections + 8)
+    ioc.get("oc")
+    assert set(seen) == {0}, seen
+    peer.silent = False
+    until(lambda: seen[-1] == 1, lambda: f"outputConnected is {seen}")
+    pv.disconnect()
 
 
 def test_black_hole(new_ioc, black_hole):
