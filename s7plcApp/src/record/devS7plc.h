@@ -47,13 +47,15 @@ typedef struct devRecord {
     size_t length;       /* bytes of the whole value */
     int order;           /* of its bytes: plcCodec.h */
     unsigned has;    /* options that stood in the link: plcHasT | ... */
+    int silent;      /* in a list of records that no block has made process; looked at for each
+                        value that is read, and so in the lines that a pass fetches ahead */
+    int buffered;    /* prepare sets this: make a buffer */
     size_t readback; /* R=: offset in the input block, when has & plcHasR */
     epicsInt64 low;  /* L= and H= of integer types */
     epicsInt64 high;
     epicsUInt64 mask; /* single bits (bi, bo): the bits of the element that are ours */
     epicsUInt32 *shifted;  /* MASK of a multibit record, which we have shifted by SHFT, */
     epicsUInt32 unshifted; /* and what it was; NULL and 0 else */
-    int buffered;          /* prepare sets this: make a buffer */
     const struct plcStatRow *statistic; /* of a devStatistics record */
     plcUser user; /* its place, for people; in a list while `listed` */
     int listed;
@@ -76,8 +78,7 @@ typedef struct devRecord {
     epicsEnum16 raised; /* the record has this alarm for it (COMM, WRITE; 0: none), instead of */
     epicsEnum16 hiddenStatus, hiddenSeverity; /* this one */
     /* inputs with I/O Intr */
-    ELLNODE silentNode; /* in the list of records that no block has made process, while */
-    int silent;         /* this is set */
+    ELLNODE silentNode; /* in that list, while `silent` */
     /* a wire that has links of its own */
     void *own; /* what its resolve has made, */
     void (*forget)(struct devRecord *dev); /* and what ends it; NULL: nothing */
