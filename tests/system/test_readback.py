@@ -153,3 +153,29 @@ def test_contradiction(new_peer, new_ioc):
                   'record(longout, "$(P)o") { field(DTYP, "S7plc") field(OUT, "@PLC/2 R=20") }')
     ioc.wait_log("option readback=16 shows this place at 18")
     assert ioc.alarm("o")[1] == "LINK"
+
+
+ALARMS = """
+record(ao, "$(P)real") { field(DTYP, "S7plc") field(OUT, "@PLC/0 T=REAL32 R=8") field(HIGH, "50") field(HSV, "MINOR") field(HIHI, "80") field(HHSV, "MAJOR") }
+record(longout, "$(P)long") { field(DTYP, "S7plc") field(OUT, "@PLC/4 R=12") field(LOW, "10") field(LSV, "MAJOR") }
+record(bo, "$(P)bit") { field(DTYP, "S7plc") field(OUT, "@PLC/6 T=BYTE B=0 R=14") field(OSV, "MINOR") }
+record(mbbo, "$(P)multi") { field(DTYP, "S7plc") field(OUT, "@PLC/7 T=BYTE R=15") field(NOBT, "2") field(ZRVL, "0") field(ONVL, "1") field(TWVL, "2") field(TWSV, "MAJOR") }
+"""
+
+
+def test_alarm_of_value(new_peer, new_ioc):
+    """an output that follows has the alarm of the value that it shows, not of the one before"""
+    peer = new_peer(16, 8)
+    ioc = new_ioc(peer.configure(recv_timeout=20000, send_interval=50) + "\ns7plcSetOption PLC track on", ALARMS)
+    peer.wait_connected()
+
+    def show(real, long, bit, multi, *wanted):
+        peer.send(bytes(8) + struct.pack(">fhBB", real, long, bit, multi))
+        for name, severity in zip(("real", "long", "bit", "multi"), wanted):
+            ioc.wait_alarm(name, severity)
+        assert ioc.get("real") == real and ioc.get("long") == long
+        assert (ioc.get("bit"), ioc.get("multi")) == (bit, multi)
+    show(60, 5, 1, 2, "MINOR", "MAJOR", "MINOR", "MAJOR")
+    show(20, 15, 0, 1, "NO_ALARM", "NO_ALARM", "NO_ALARM", "NO_ALARM")
+    show(90, 9, 1, 2, "MAJOR", "MAJOR", "MINOR", "MAJOR")
+    show(10, 10, 0, 0, "NO_ALARM", "MAJOR", "NO_ALARM", "NO_ALARM")

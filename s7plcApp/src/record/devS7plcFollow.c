@@ -93,7 +93,7 @@ static void followByProcess(dbCommon *prec, devRecord *dev)
     if (pulse)
         *pulse = 0; /* what the PLC shows is no put, at whose end another one follows */
     dev->following = 1;
-    prec->udf = FALSE; /* it is about to get a value: no IVOA for want of one */
+    devTakeValue(prec, dev); /* already here: the record looks at its limits before it writes */
     dbProcess(prec);
     if (pulse)
         *pulse = length;
