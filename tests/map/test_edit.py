@@ -201,3 +201,58 @@ def test_show_one(tank):
         out = plcmap("show", tank, what).out
         assert "symbol   Tank.Temp\n" in out and "plc      DB11.DBD0" in out
     assert "nothing is at byte 99" in plcmap("show", tank, "99").out
+
+
+MIRRORED = [
+    {"symbol": "Temp.SP", "plc": "DB10.DBD0", "type": "REAL", "dir": "out", "pv": "SP"},
+    {"symbol": "Pump", "plc": "DB10.DBX4.0", "type": "BOOL", "dir": "out", "pv": "Pump"},
+    {"symbol": "Temp", "plc": "DB11.DBD0", "type": "REAL", "dir": "in", "pv": "Temp"},
+]
+RUNNING = {"symbol": "Running", "plc": "DB10.DBX4.1", "type": "BOOL", "dir": "in", "pv": "Running"}
+
+
+def mirrored(tmp_path, rows, **keys):
+    folder = maps.write(tmp_path / "m", rows, {"readback": "0", **keys})
+    result = plcmap("place", folder)
+    assert result.status == 0, result.err
+    return folder
+
+
+@pytest.mark.parametrize("title, keys", [
+    ("a bit beside that of a setpoint", {}),
+    ("room for setpoints to come", {"min_out": "64"}),
+])
+def test_place_beside_the_mirror(tmp_path, title, keys):
+    """readback, {title}: `place` puts no input where setpoints are shown"""
+    folder = mirrored(tmp_path, MIRRORED, **keys)
+    old = places(folder)
+    write(folder, read(folder) + [RUNNING])
+    result = plcmap("place", folder)
+    assert result.status == 0, result.err
+    new = places(folder)
+    assert {s: new[s] for s in old} == old and layout_id(folder)
+
+
+def test_mirror_has_no_room(tmp_path):
+    """readback: a setpoint that would be shown on an input is refused, nothing is written, and
+    the way out that the message names works without moving anything"""
+    folder = mirrored(tmp_path, MIRRORED)
+    old = places(folder)
+    write(folder, read(folder) + [{"symbol": "Sp2", "plc": "DB10.DBD40", "type": "REAL",
+                                   "dir": "out", "pv": "SP2"}])
+    before = (folder / "map.csv").read_bytes()
+    result = plcmap("place", folder)
+    assert result.status == 1 and (folder / "map.csv").read_bytes() == before
+    assert "taken by" not in result.err and ":5:6: rx: no room: readback=0 " in result.err
+    assert "leave the key readback blank" in result.err
+    text = (folder / "plc.csv").read_text(encoding="utf-8").replace("readback,0", "readback,")
+    (folder / "plc.csv").write_text(text, encoding="utf-8")
+    assert plcmap("place", folder).status == 0
+    assert {s: places(folder)[s] for s in old} == old and layout_id(folder)
+
+
+def test_mirror_beyond_the_end(tmp_path):
+    """readback near the end of the longest block: errors, no traceback"""
+    folder = maps.write(tmp_path / "m", MIRRORED, {"readback": "65535"})
+    result = plcmap("place", folder)
+    assert result.status == 1 and "exceed the longest block" in result.err

@@ -47,9 +47,10 @@ def cmd_place(args):
         lines = compact(map_) if args.compact else []
         lines += place(map_, args.grow)
         _print(lines)
-        if not args.dry_run and lines and not report.errors():
-            save(map_)
-        check(map_, not args.dry_run)
+        if not report.errors():
+            if not args.dry_run and lines:
+                save(map_)
+            check(map_, not args.dry_run)
     return OK if _told(report) else WRONG
 
 

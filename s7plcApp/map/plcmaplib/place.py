@@ -119,11 +119,11 @@ def place(map_, grow=False):
             else:
                 lines += _fill(map_, rooms["rx"], item)
     if mirror is not None:
-        end = rooms["rx"].end + (rooms["rx"].end & 1)
-        low = mirror + map_.rx_header()
-        for byte in range(low, mirror + end):
-            if not rooms["tx"].taken[byte]:
-                rooms["tx"].claim(byte, None, 1)
+        low, high = mirror + map_.rx_header(), min(mirror + map_.block_size("rx"), LIMIT)
+        if _shows_input(map_, rows, low, high):
+            return []
+        if low < high:  # whole bytes: the other bits, too, are those of setpoints
+            rooms["tx"].claim(low, None, high - low)
     for item in rows:
         if item.type is None or item.tx is not None or item.row.get("tx"):
             continue
@@ -133,6 +133,23 @@ def place(map_, grow=False):
         elif "in" in dirs or ("out" in dirs and needs_readback(map_)):
             lines += _fill(map_, rooms["tx"], item)
     return lines
+
+
+def _shows_input(map_, rows, low, high):
+    """An input stands in bytes low to high - 1, where setpoints that just got a place would be
+    shown: an error."""
+    for other, byte, _, _ in map_.uses("tx"):
+        if map_.dirs_of(other) != {"in"} or not low <= byte < high:
+            continue
+        for item in rows:
+            if item.rx is not None and not item.tx and "out" in map_.dirs_of(item):
+                map_.report.error(
+                    item.row.place("rx"), "rx", "no room: readback=%d would show setpoints in bytes "
+                    "%d to %d, and %s is at %d; allowed: leave the key readback blank, then each "
+                    "setpoint is shown where there is room"
+                    % (map_.number("readback"), low, high - 1, other.symbol, byte))
+                return True
+    return False
 
 
 def _in_memory(item):
