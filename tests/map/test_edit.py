@@ -256,3 +256,15 @@ def test_mirror_beyond_the_end(tmp_path):
     folder = maps.write(tmp_path / "m", MIRRORED, {"readback": "65535"})
     result = plcmap("place", folder)
     assert result.status == 1 and "exceed the longest block" in result.err
+
+
+def test_setpoint_beside_an_input(tmp_path):
+    """readback: a setpoint's bit, or a hole between setpoints, never takes inputs of the PLC along"""
+    folder = mirrored(tmp_path, MIRRORED + [
+        RUNNING,
+        {"symbol": "State", "plc": "DB10.DBB5", "type": "BYTE", "dir": "in", "pv": "State"},
+        {"symbol": "Mode", "plc": "DB10.DBW6", "type": "INT", "dir": "out", "pv": "Mode"}])
+    shown = plcmap("show", folder).out.split("transfers IOC to PLC\n")[1].splitlines()
+    assert [line.split(" <-")[0].split(None, 1) for line in shown if line] == [
+        ["ptr", "P#DB10.DBX0.0 BYTE 4"], ["ptr", "P#DB10.DBX6.0 BYTE 2"],
+        ["explicit", "DB10.DBX4.0"]]

@@ -5,7 +5,7 @@ import re
 from . import columns
 from .problems import Place
 from .shown import ASCII_PV
-from .transfer import MAX_ROW, method, _same_source
+from .transfer import MAX_ROW, method, same_source
 from .types import Array, Elementary, Text, is_struct
 
 _LEADING = re.compile(r"^[^\s\"'@]+$")
@@ -264,7 +264,7 @@ def _check_width(map_, item, a):
 def _check_via(map_):
     for side in ("tx", "rx"):
         leaves = [l for l in map_.leaves() if getattr(l, side) is not None]
-        bits = _same_source(leaves, side)
+        bits = same_source(map_, leaves, side)
         for leaf in leaves:
             item = leaf.owner
             way = method(map_, leaf, side, bits)
@@ -304,7 +304,7 @@ def _check_bit_pointer(map_, item, side, bits, leaf):
                "allowed: explicit, or the same bit" % (leaf.address.bit, leaf.address.block(), bit))
     elif source is None:
         _error(map_, item, "via", "a pointer moves whole bytes: other bits of byte %d come from "
-               "elsewhere; allowed: explicit" % byte)
+               "elsewhere, or are inputs in the PLC; allowed: explicit" % byte)
     elif side == "rx" and mask != 0xFF and map_.number("readback") is None:
         _error(map_, item, "via", "a pointer would write all 8 bits of %s, and nobody has the others; "
                "allowed: explicit, or the key readback" % leaf.address.text(1, leaf.address.bit))

@@ -51,16 +51,29 @@ def _whole(item):
     return is_struct(kind) or isinstance(item.type, Array)
 
 
-def _same_source(leaves, side):
+def inputs(map_):
+    """Bytes of PLC memory, (area, db, byte), that have inputs: no setpoint may move them too."""
+    found = set()
+    for leaf in map_.leaves():
+        a = leaf.address
+        if leaf.dir == "in" and a is not None and a.area:
+            found.update((a.area, a.db, a.byte + i) for i in range(leaf.size()))
+    return found
+
+
+def same_source(map_, leaves, side):
     """{block byte: the one PLC byte that all its bits come from at their own numbers, or None}
-    of single bits."""
+    of single bits. None, too, for a byte to the PLC that has inputs there."""
     found = {}
+    foreign = inputs(map_) if side == "rx" else ()
     for leaf in leaves:
         if not leaf.is_bit():
             continue
         byte, bit = getattr(leaf, side)
         a = leaf.address
         source = (a.area, a.db, a.byte) if a is not None and a.area and a.bit == bit else None
+        if source in foreign:
+            source = None
         if byte in found and found[byte][0] != source:
             found[byte] = (None, 0)
         else:
@@ -95,7 +108,7 @@ def transfers(map_, side):
     """All transfers of one side."""
     found = Transfers(side)
     leaves = [l for l in map_.leaves() if getattr(l, side) is not None]
-    bits = _same_source(leaves, side)
+    bits = same_source(map_, leaves, side)
     spans, by_item = [], {}
     for leaf in leaves:
         by_item.setdefault(id(leaf.owner), []).append(leaf)
@@ -130,9 +143,10 @@ def owned(map_, side):
 
 def _joined(map_, spans, side):
     """Neighbours of equal distance as one row, over a single byte that nobody has, too, where
-    that byte cannot hurt: towards the IOC, or where all bytes are read back."""
+    that byte cannot hurt: towards the IOC, or where all bytes are read back and it is no input."""
     taken = owned(map_, side)
     fills = side == "tx" or map_.number("readback") is not None
+    foreign = inputs(map_) if side == "rx" else ()
     out = []
     for span in sorted(spans, key=lambda s: (s.memory.area, s.memory.db, s.memory.byte, s.offset)):
         last = out[-1] if out else None
@@ -142,7 +156,9 @@ def _joined(map_, spans, side):
             if gap < 0 and span.offset + span.length <= last.offset + last.length:
                 last.names += span.names  # another bit of the same byte
                 continue
-            if gap == 0 or (gap == 1 and fills and last.offset + last.length not in taken):
+            memory = (last.memory.area, last.memory.db, last.memory.byte + last.length)
+            if gap == 0 or (gap == 1 and fills and last.offset + last.length not in taken and
+                            memory not in foreign):
                 last.length = span.offset + span.length - last.offset
                 last.names += span.names
                 continue
