@@ -279,3 +279,27 @@ def test_rtu(closing, new_ioc):
 def test_rtu_crc():
     """the CRC of the standard's own example: 02 07 has 41 12"""
     assert RtuDevice.crc(b"\x02\x07") == b"\x41\x12"
+
+
+def test_another_client(new_modbus, new_ioc):
+    """a device that hangs up before it answers: after the third time the log says what that may be, once"""
+    plc = new_modbus()
+
+    def hang_up(request, frame):
+        plc.handlers[-1].drop(reset=False)
+        return b""
+    plc.mangle = hang_up
+    ioc = new_ioc(plc.configure("holding 0 100 every 50", "holding 200 40"), DB)
+    plc.wait_connected(6)
+    ioc.wait_log("another client takes this connection")
+    assert ioc.log_count("another client") == 1 and ioc.log_count("disconnected") == 1
+    plc.mangle = None
+    use(plc, ioc, 2)
+
+
+def test_refused_arguments(new_ioc):
+    """an address that is no full IPv4 address, and reference numbers of manuals, are refused with what is allowed"""
+    ioc = new_ioc("""modbusplcConfigure A, 192.168.1, 502, 1, "holding 0 1"
+                     modbusplcConfigure B, 192.168.0.1, 502, 1, "40001 10" """, "")
+    assert 'IPaddr "192.168.1"; allowed: host name or dotted IP address' in ioc.log
+    assert '40001 is "holding 0"' in ioc.log

@@ -1021,3 +1021,24 @@ def test_completion_link(new_station):
     plc.answering.set()
     ioc.put("o0", 78)
     assert s.register(10) == 78
+
+
+def test_silent_server_does_not_chatter(new_modbus, new_ioc):
+    """a server that accepts connections and answers nothing: outputConnected goes to 0 and stays there until it answers"""
+    plc = new_modbus()
+    plc.silent = True
+    ioc = new_ioc(plc.configure("", "holding 0 10", timeout=100), """
+        record(longout, "$(P)o") { field(DTYP, "S7plc") field(OUT, "@PLC/0 T=INT16") }
+        record(longin, "$(P)connected") { field(DTYP, "S7plc stats") field(INP, "@PLC/outputConnected") field(SCAN, "I/O Intr") }
+        """)
+    plc.wait_connected(3)
+    seen = []
+    ioc.pv("connected").add_callback(lambda value, **kw: seen.append(value), run_now=True)
+    ioc.wait_value("connected", 0)
+    plc.wait_connected(8)
+    assert 1 not in seen, seen
+    plc.silent = False
+    ioc.wait_value("connected", 1)
+    ioc.put("o", 5)
+    until_equal(lambda: plc.holding[0], 5)
+    ioc.wait_alarm("o", "NO_ALARM")

@@ -60,11 +60,15 @@ int plcConfigureIsNew(const char *command, const char *name)
 
 int plcConfigureIsHost(const char *host)
 {
+    struct in_addr address;
     size_t i;
 
     for (i = 0; host[i]; i++)
         if (!isalnum((unsigned char)host[i]) && !strchr(".-_", host[i]))
             return 0;
+    /* 192.168.1 would be taken for 192.168.0.1 */
+    if (i && strspn(host, "0123456789.") == i && inet_pton(AF_INET, host, &address) != 1)
+        return 0;
     return i <= PLC_NAME_MAX;
 }
 

@@ -229,7 +229,11 @@ static void bearFruit(plcStation *s)
                       s->exchange->transport->name);
         plcStationLog(s, errlogInfo, text);
     }
-    line->fruitless = 0;
+    line->hangUps = 0;
+    if (line->fruitless) {
+        line->fruitless = 0;
+        plcInputSetLeads(s);
+    }
 }
 
 /* The input image is new. */

@@ -20,6 +20,7 @@ static const unsigned backoff[] = {0, 50, 100, 200, 400, 700};
 /* A connection that lasted this long is a good one, ms. */
 #define SETTLED_MS 2000
 #define TAKEN_MS 2000 /* see looksTaken */
+#define HANG_UPS 3    /* see countHangUps */
 
 /* Records that have not processed so long after a loss have something else to do, ms. */
 #define LOSS_SEEN_MS 500
@@ -196,6 +197,22 @@ PLC_COLD static void logLost(plcStation *s, unsigned i, epicsUInt64 lasted, cons
     plcStationLog(s, errlogMajor, text);
 }
 
+/* A PLC that hangs up again and again before it has answered: many serve one client only. */
+PLC_COLD static void countHangUps(plcStation *s, unsigned i, epicsUInt64 lasted, const char *why)
+{
+    plcLine *line = &s->lines[i];
+
+    if (!plcLineExchanges(s, i) || line->lastBlock || epicsAtomicGetIntT(&s->taken) ||
+        lasted >= plcMsToNs(TAKEN_MS) ||
+        !(strstr(why, "closed by PLC") || strstr(why, "reset by PLC"))) {
+        line->hangUps = 0;
+        return;
+    }
+    if (++line->hangUps == HANG_UPS)
+        plcStationLog(s, errlogMinor, "the PLC hangs up before it answers, again and again: another "
+                      "client takes this connection, or its unit is not there");
+}
+
 /* A connection that was up is gone, or has to go: closes it and says so. */
 PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char *why)
 {
@@ -209,10 +226,11 @@ PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char
         line->failures = 0;
     if (!line->fruitless && !(line->wrongSize && babbles(line)))
         logLost(s, i, lasted, why);
+    countHangUps(s, i, lasted, why);
     if (!line->fruitless)
         line->quietSince = line->lastBlock ? line->lastBlock : c->since;
     /* One that accepts connections and sends nothing says so once. */
-    line->fruitless = plcLineIsOutput(s, i)
+    line->fruitless = plcLineIsOutput(s, i) || (plcLineExchanges(s, i) && !s->inSize)
                           ? !epicsAtomicGetIntT(&s->taken)
                           : s->inSize && !plcStationIsPair(s) && !line->lastBlock;
     if (plcLineExchanges(s, i)) {

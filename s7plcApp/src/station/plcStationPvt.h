@@ -66,6 +66,7 @@ typedef struct plcLine {
     int wrongSize;         /* the block size was found wrong and not found right since */
     unsigned verdicts;     /* that the size is wrong, since: */
     epicsUInt64 verdictsSince;
+    unsigned hangUps;      /* in a row: the PLC has closed it at once, without an answer */
     int fruitless;         /* it was lost before its first block, and has said so, since: */
     epicsUInt64 quietSince;
     int logged;            /* "cannot connect" has been said */
