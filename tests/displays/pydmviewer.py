@@ -10,7 +10,10 @@ from qtpy.QtWidgets import QLabel
 from plcdisplays import displays, layout
 
 SETTLE = 2  # s that a picture waits at least, for what comes once a second
-LIMIT = 30  # s for the PVs to connect
+LIMIT = 15  # s for the PVs to connect
+# PyDM 1.29 looks whether a PV is connected and then says that it is not; where it connects in
+# between, its widget is never told. Opened again, the display finds it connected.
+OPENINGS = 3
 
 # Texts of any length, which are cut by design
 ANY = {i.pv.split(")")[-1] for d in displays.all_displays([("X", "$(P)", displays.PARTS)])
@@ -37,11 +40,15 @@ class Viewer:
     def open(self, name, macros):
         file = f"pydm/plclink{name}.ui"
         base = self.own if (self.own / file).exists() else self.top / "s7plcApp/op"
-        display = load_file(str(base / file), macros=macros, target=None)
-        display.show()
+        for _ in range(OPENINGS):
+            display = load_file(str(base / file), macros=macros, target=None)
+            display.show()
+            self.all.append(display)  # PyDM's rules outlive a display that is deleted
+            self._spin(LIMIT, lambda: not self._unconnected(display))
+            if not self._unconnected(display):
+                break
+            display.hide()
         self.shown[name] = display
-        self.all.append(display)  # PyDM's rules outlive a display that is deleted
-        self._spin(LIMIT, lambda: not self._unconnected(display))
         self._spin(SETTLE)
 
     def _unconnected(self, display):
