@@ -184,6 +184,25 @@ def test_diff(tmp_path):
     assert plcmap("diff", old, old).out.startswith("layout id: ")
 
 
+@pytest.mark.parametrize("title, changes, words", [
+    ("a name", [("Temp,temperature,C", "Hot,temperature,C")], "the PLC's program fits"),
+    ("another place in the PLC", [("M4.3", "M5.3")], "the PLC moves other memory"),
+    ("two rows that swap places", [("in,100,,ptr,V101", "in,X,,ptr,V101"),
+                                   ("in,108,,ptr,V102", "in,100,,ptr,V102"),
+                                   ("in,X,,ptr,V101", "in,108,,ptr,V101")],
+     "the PLC moves other memory"),
+])
+def test_diff_of_the_program(tmp_path, title, changes, words):
+    """{title}: the layout id stays, and diff says whether the PLC's program does"""
+    text = example.MAP
+    for before, after in changes:
+        assert before in text
+        text = text.replace(before, after)
+    old, new = example.write(tmp_path / "old"), example.write(tmp_path / "new", map=text)
+    last = plcmap("diff", old, new).out.splitlines()[-1]
+    assert last.startswith("layout id: ") and " as before; %s" % words in last
+
+
 def test_place_near(tmp_path):
     """Neighbours in the PLC get the same distance in the block: one pointer row moves them"""
     rows = [{"symbol": "A%d" % i, "plc": "DB10.DBW%d" % (2 * i), "type": "INT", "pv": "A%d" % i}

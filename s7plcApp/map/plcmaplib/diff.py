@@ -29,10 +29,18 @@ def diff(old, new):
             lines.append("%s: %d bytes, were %d" % (name, sizes[1], sizes[0]))
     ids = layout_id(layout_crc(old)), layout_id(layout_crc(new))
     if layout_crc(old) == layout_crc(new):
-        lines.append("layout id: %d as before; the PLC's program fits" % ids[1])
+        lines.append("layout id: %d as before; the PLC%s" % (
+            ids[1], "'s program fits" if _moves(old) == _moves(new) else
+            " moves other memory than before: load its program or table anew, the id does not tell"))
     else:
         lines.append("layout id: %d, was %d; PLC and IOC must be loaded together" % (ids[1], ids[0]))
     return lines
+
+
+def _moves(map_):
+    """What of the PLC's memory stands where in the blocks."""
+    return {(side, getattr(leaf, side), leaf.address.text(leaf.size()) if leaf.address else "")
+            for leaf in map_.leaves() for side in PLACES if getattr(leaf, side) is not None}
 
 
 def _places(row):
