@@ -133,7 +133,8 @@ eipLoad eipUnitLoad(const eipTags *t, const eipUnit *u);
 /* Puts this service. `fragment`: read from this offset on, -1: in one piece. */
 void eipUnitPut(eipWriter *w, const eipTags *t, const eipUnit *u, long fragment);
 
-/* Puts the path of elements of a tag, from `index` on. */
+/* Puts the path of elements of a tag, from `index` on; by its name, for writes: after a download
+ * an instance may be another tag. */
 void eipTagPathPut(eipWriter *w, const eipTag *tag, epicsUInt32 index, int service);
 
 /* Puts the question for its type: one element. */

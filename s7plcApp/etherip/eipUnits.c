@@ -377,12 +377,12 @@ static void putPath(eipWriter *w, const char *base, epicsUInt32 instance, epicsU
 
 void eipTagPathPut(eipWriter *w, const eipTag *tag, epicsUInt32 index, int service)
 {
-    putPath(w, tag->base, tag->instance, index, tag->indexed, service);
+    putPath(w, tag->base, 0, index, tag->indexed, service);
 }
 
 void eipTagAskPut(eipWriter *w, const eipTag *tag)
 {
-    eipTagPathPut(w, tag, 0, eipReadTag);
+    putPath(w, tag->base, tag->instance, 0, tag->indexed, eipReadTag);
     eipPut16(w, 1);
 }
 

@@ -2,7 +2,8 @@
  * All functions run in the worker's thread.
  *
  * A value that was put whole is written as an element, several beside each other as one
- * service; single bits by read-modify-write, so that nothing else of the element changes.
+ * service; single bits by read-modify-write, so that nothing else of the element changes. Tags
+ * are written by name: after a download an instance may be another tag.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -102,8 +103,7 @@ static int join(eipWorker *w, batch *b, unsigned tag, unsigned want, const epics
 {
     item *it = b->count ? &b->items[b->count - 1] : NULL;
     unsigned fits = w->limits.room - writeHead - 2 -
-                    (unsigned)eipPathBytes(w->tags.tags[tag].base, w->tags.tags[tag].instance) -
-                    6;
+                    (unsigned)eipPathBytes(w->tags.tags[tag].base, 0) - 6;
 
     if (!it || it->kind != itemElements || it->tag != tag || it->want + it->wants != want ||
         it->index + it->count != w->tags.wants[want].index ||
@@ -365,7 +365,7 @@ static eipLoad loadOf(const eipWorker *w, const item *it)
     const eipTag *tag = &w->tags.tags[it->tag];
 
     return (eipLoad){
-        writeHead + 2 + (unsigned)(eipPathBytes(tag->base, tag->instance) +
+        writeHead + 2 + (unsigned)(eipPathBytes(tag->base, 0) +
                                    (it->index || tag->indexed ? eipIndexBytes(it->index) : 0) +
                                    it->length),
         eipAnswerHead + 4};

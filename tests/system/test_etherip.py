@@ -359,6 +359,21 @@ def test_download(plant):
         plant.ioc.wait_value(f"t{n}", n + 100)
 
 
+@pytest.mark.parametrize("how", ["download", "download shift"])
+def test_put_at_download(plant, how):
+    """A put right after a download arrives in its tag and in no other ({how})"""
+    plant.tags(*(f"tag T{n} DINT" for n in range(20)), "tag B DINT[2]")
+    plant.records(*(rec("longout", f"t{n}", f"T{n} S 1") for n in range(20)),
+                  rec("bo", "b", "B[1].3 S 1"))
+    until(lambda: plant.ioc.command("drvEtherIP_dump").count("instance") == 21)
+    plant.sim.command(f"etherip {how}")
+    plant.ioc.put("t5", 555)
+    plant.ioc.put("b", 1)
+    assert plant.ioc.alarm("t5")[:2] == ("NO_ALARM", "NO_ALARM")
+    assert [plant.tag(f"T{n}") for n in range(20)] == ["0"] * 5 + ["555"] + ["0"] * 14
+    assert plant.tag("B[1]") == "8"
+
+
 def test_type_change(plant):
     """A tag of another type after a download is read with that type"""
     plant.tags("tag A DINT = 70000")
