@@ -75,7 +75,7 @@ static void forgetClaims(pairRole *r)
 {
     unsigned i;
 
-    for (i = 0; i < PLC_LINKS_MAX; i++)
+    for (i = 0; i < PLC_LINES_MAX; i++)
         r->plc[i].claims = r->plc[i].refuted = 0;
     r->twoPrimaries = 0;
 }

@@ -46,7 +46,7 @@ typedef struct pairMember {
 
 typedef struct pairRole {
     epicsUInt64 recvTimeout; /* ns; the caller keeps it up to date */
-    pairMember plc[PLC_LINKS_MAX];
+    pairMember plc[PLC_LINES_MAX];
     pairWho leader;
     pairWho lastLeader; /* who leads or led last */
     int twoPrimaries;

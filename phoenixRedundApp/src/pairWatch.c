@@ -67,7 +67,7 @@ struct pairWatch {
     epicsEventId ended;
     epicsMutexId lock;  /* guards period, and wanted and now of the hosts */
     epicsUInt64 period; /* ns */
-    asked plc[PLC_LINKS_MAX];
+    asked plc[PLC_LINES_MAX];
     /* owned by the thread */
     int socket;
     epicsUInt16 id, sequence;
@@ -299,7 +299,7 @@ static epicsUInt64 takeOrders(pairWatch *w)
 
     epicsMutexMustLock(w->lock);
     period = w->period;
-    for (i = 0; i < PLC_LINKS_MAX; i++) {
+    for (i = 0; i < PLC_LINES_MAX; i++) {
         w->plc[i].host = w->plc[i].wanted;
         if (w->plc[i].now) {
             w->plc[i].next = 0;
@@ -321,7 +321,7 @@ static void readSocket(pairWatch *w)
 
     while ((length = recvfrom(w->socket, packet, sizeof(packet), 0,
                               (struct sockaddr *)&from, &size)) >= 0) {
-        for (i = 0; i < PLC_LINKS_MAX; i++)
+        for (i = 0; i < PLC_LINES_MAX; i++)
             if (w->plc[i].host.s_addr == from.sin_addr.s_addr &&
                 isOurs(w, packet, length))
                 answered(w, i);
@@ -331,7 +331,7 @@ static void readSocket(pairWatch *w)
 
 static void waitFor(pairWatch *w, epicsUInt64 wake)
 {
-    struct pollfd fds[2 + PLC_LINKS_MAX] = {
+    struct pollfd fds[2 + PLC_LINES_MAX] = {
         {plcWakeDescriptor(&w->wake), POLLIN, 0},
         {w->socket,                   POLLIN, 0}
     };
@@ -342,17 +342,17 @@ static void waitFor(pairWatch *w, epicsUInt64 wake)
 
     if (wake != NEVER)
         ms = wake > now ? (int)((wake - now + 999999) / 1000000) : 0;
-    for (i = 0; i < PLC_LINKS_MAX; i++) {
+    for (i = 0; i < PLC_LINES_MAX; i++) {
         fds[2 + i].fd = w->plc[i].child ? w->plc[i].output : -1;
         fds[2 + i].events = POLLIN;
     }
-    if (poll(fds, 2 + PLC_LINKS_MAX, ms) <= 0)
+    if (poll(fds, 2 + PLC_LINES_MAX, ms) <= 0)
         return;
     if (fds[0].revents)
         plcWakeTake(&w->wake);
     if (fds[1].revents)
         readSocket(w);
-    for (i = 0; i < PLC_LINKS_MAX; i++)
+    for (i = 0; i < PLC_LINES_MAX; i++)
         if (fds[2 + i].revents && read(w->plc[i].output, buffer, sizeof(buffer)) <= 0 &&
             reapPing(&w->plc[i], 0))
             answered(w, i);
@@ -368,12 +368,12 @@ static void watchThread(void *arg)
         epicsUInt64 wake = NEVER, period = takeOrders(w);
         epicsUInt64 now = epicsMonotonicGet();
 
-        for (i = 0; period && i < PLC_LINKS_MAX; i++)
+        for (i = 0; period && i < PLC_LINES_MAX; i++)
             if (w->plc[i].host.s_addr)
                 askStep(w, i, period, now, &wake);
         waitFor(w, wake);
     }
-    for (i = 0; i < PLC_LINKS_MAX; i++)
+    for (i = 0; i < PLC_LINES_MAX; i++)
         reapPing(&w->plc[i], 1);
     if (w->socket >= 0)
         close(w->socket);
@@ -404,7 +404,7 @@ pairWatch *pairWatchCreate(unsigned ways, pairWatchNews *news, void *pvt)
     w->id = (epicsUInt16)(getpid() * 31 + epicsAtomicIncrIntT(&number));
     w->lock = epicsMutexMustCreate();
     w->ended = epicsEventMustCreate(epicsEventEmpty);
-    for (i = 0; i < PLC_LINKS_MAX; i++) {
+    for (i = 0; i < PLC_LINES_MAX; i++) {
         w->plc[i].step = NEVER;
         w->plc[i].output = -1;
     }
@@ -449,7 +449,7 @@ void pairWatchPeriod(pairWatch *w, double ms)
         return;
     epicsMutexMustLock(w->lock);
     w->period = (epicsUInt64)((ms > 0 && ms < LEAST_MS ? LEAST_MS : ms) * 1e6);
-    for (i = 0; i < PLC_LINKS_MAX; i++)
+    for (i = 0; i < PLC_LINES_MAX; i++)
         w->plc[i].now = 1;
     epicsMutexUnlock(w->lock);
     plcWakeUp(&w->wake);

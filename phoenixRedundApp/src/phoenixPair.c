@@ -24,7 +24,7 @@
 /* One line of the log per PLC in this time about its reachability, s. */
 #define REACH_LOG_S 30.0
 
-const char *const phoenixName[PLC_LINKS_MAX] = {"FIRST", "SECOND"};
+const char *const phoenixName[PLC_LINES_MAX] = {"FIRST", "SECOND"};
 const char *const phoenixBackupText[] = {"no partner",       "plc-1st unlinked",
                                          "plc-2nd unlinked", "plc-1st linked",
                                          "plc-2nd linked",   "unknown"};
@@ -39,11 +39,11 @@ struct phoenixPair {
     pairRole role;
     double pingPeriod; /* ms */
     /* the watch's thread */
-    epicsUInt64 reachLogged[PLC_LINKS_MAX]; /* 0: never */
+    epicsUInt64 reachLogged[PLC_LINES_MAX]; /* 0: never */
     epicsMutexId lock;                      /* guards from here on */
     phoenixStatus status;
-    int answeredOnce[PLC_LINKS_MAX]; /* ICMP echo is no stranger to it */
-    int asked[PLC_LINKS_MAX];        /* its role changed; the watch was asked about it */
+    int answeredOnce[PLC_LINES_MAX]; /* ICMP echo is no stranger to it */
+    int asked[PLC_LINES_MAX];        /* its role changed; the watch was asked about it */
 };
 
 /* --- The list of pairs -------------------------------------------------------------- */
@@ -75,7 +75,7 @@ phoenixPair *phoenixPairCreate(const char *name)
     p->lock = epicsMutexMustCreate();
     p->status.primary = pairNobody;
     p->status.backup = phoenixUnknown;
-    for (i = 0; i < PLC_LINKS_MAX; i++)
+    for (i = 0; i < PLC_LINES_MAX; i++)
         p->status.reachable[i] = phoenixNotKnown;
     lockList();
     ellAdd(&pairs, &p->node);
@@ -224,7 +224,7 @@ static int copyRole(phoenixPair *p)
         epicsTimeGetCurrent(&s->switchTime);
         reasonText(r, s->switchReason, sizeof(s->switchReason));
     }
-    for (i = 0; i < PLC_LINKS_MAX; i++) {
+    for (i = 0; i < PLC_LINES_MAX; i++) {
         if (s->connected[i] == r->plc[i].connected)
             continue;
         changed = 1;
@@ -320,7 +320,7 @@ static void options(void *pvt, const plcOptions *o)
     p->pingPeriod = o->pingPeriod;
     pairWatchPeriod(p->watch, p->pingPeriod);
     epicsMutexMustLock(p->lock);
-    for (i = 0; i < PLC_LINKS_MAX && p->pingPeriod <= 0; i++)
+    for (i = 0; i < PLC_LINES_MAX && p->pingPeriod <= 0; i++)
         p->status.reachable[i] = phoenixNotKnown;
     epicsMutexUnlock(p->lock);
 }
@@ -364,7 +364,7 @@ static void report(void *pvt, FILE *file, int level)
             (unsigned)s.switchovers, s.switchovers == 1 ? "" : "s");
     if (level < 1)
         return;
-    for (i = 0; i < PLC_LINKS_MAX; i++)
+    for (i = 0; i < PLC_LINES_MAX; i++)
         fprintf(file, "    %s at %s: %s, %s ICMP echo\n", phoenixName[i],
                 s.host[i].s_addr ? inet_ntop(AF_INET, &s.host[i], host, sizeof(host))
                                  : "?",
@@ -387,7 +387,7 @@ static void destroy(void *pvt)
 
 const plcPolicy phoenixPolicy = {
     .name = "redundant pair",
-    .links = 2,
+    .lines = 2,
     .step = step,
     .begin = begin,
     .options = options,

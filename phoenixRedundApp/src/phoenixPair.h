@@ -27,9 +27,9 @@ typedef enum { phoenixNoAnswer, phoenixAnswers, phoenixNotKnown } phoenixReach;
 typedef struct phoenixStatus {
     phoenixBackup backup;
     pairWho primary;
-    int connected[PLC_LINKS_MAX];          /* TCP is up */
-    phoenixReach reachable[PLC_LINKS_MAX]; /* by ICMP echo */
-    struct in_addr host[PLC_LINKS_MAX];    /* s_addr 0: not known yet */
+    int connected[PLC_LINES_MAX];          /* TCP is up */
+    phoenixReach reachable[PLC_LINES_MAX]; /* by ICMP echo */
+    struct in_addr host[PLC_LINES_MAX];    /* s_addr 0: not known yet */
     int twoPrimaries;
     epicsUInt32 switchovers;
     epicsUInt32 twoPrimariesCount;
@@ -40,7 +40,7 @@ typedef struct phoenixStatus {
 
 typedef struct phoenixPair phoenixPair;
 
-extern const char *const phoenixName[PLC_LINKS_MAX]; /* "FIRST", "SECOND" */
+extern const char *const phoenixName[PLC_LINES_MAX]; /* "FIRST", "SECOND" */
 extern const char *const phoenixBackupText[]; /* as in the paper, by phoenixBackup */
 
 extern const plcPolicy phoenixPolicy; /* its pvt is a phoenixPair */

@@ -55,7 +55,7 @@ static int ranges(const char *command, const char *name, const char *const text[
 static plcStation *configure(const char *command, const char *const args[7])
 {
     const char *name = args[0], *address = args[1] ? args[1] : "", *error;
-    char host[PLC_LINKS_MAX][PLC_NAME_MAX + 1], text[12], why[200];
+    char host[PLC_LINES_MAX][PLC_NAME_MAX + 1], text[12], why[200];
     plcStationConfig config = {.name = name, .policy = &plcSingle, .bigEndian = 1,
                                .recvTimeout = 2000, .sendInterval = 1000};
     plcModbusOwn own = {0};

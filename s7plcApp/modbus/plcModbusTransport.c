@@ -86,7 +86,7 @@ static void options(void *pvt, const plcOptions *o)
                                           o->check == plcCheckLoose,
                                .anyTransaction = o->check == plcCheckAnyTransaction ||
                                                  o->check == plcCheckLoose,
-                               .rtu = o->modbusFraming == plcFramingRtu};
+                               .rtu = o->framing == plcFramingRtu};
 
     plcModbusSetOptions(t->worker, &chosen);
 }

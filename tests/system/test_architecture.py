@@ -13,7 +13,8 @@ FLOORS = {"src/value": 1, "src/tcp": 1, "src/image": 2, "src/scan": 2, "src/stat
           "src/block": 4, "src/record": 4, "src/shell": 5, "modbus": 6, "etherip": 6, "asyn": 6,
           "pair": 6}
 CORE = [folder for folder in FLOORS if folder.startswith("src/")]
-WIRES = re.compile(r"modbus|ethernet/ip|\bcip\b|\beip", re.I)
+# A hint may name a type of another driver, "asyn's modbus".
+WIRES = re.compile(r"(?<!asyn's )modbus|ethernet/ip|\bcip\b|\beip", re.I)
 COMMENTS = re.compile(r'/\*.*?\*/|//[^\n]*|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'', re.S)
 DEFINITION = re.compile(r"^(?!static|typedef|extern|#|\}|return|else|struct \w+ \{)"
                         r"[A-Za-z_][\w \t*]*?[ *](\w+)(?:\(|\[[^;\n]*\] *=| *=|;)", re.M)

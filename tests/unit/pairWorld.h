@@ -9,7 +9,7 @@
 typedef struct pairWorld {
     plcStation *station;
     phoenixPair *pair;
-    pairPeer *plc[PLC_LINKS_MAX];
+    pairPeer *plc[PLC_LINES_MAX];
     int follows; /* the word has a read-back, its mirror */
     int gap; /* data was seen to be not valid, though it had been */
     int valid;

@@ -16,8 +16,8 @@
 #define NOBODY "240.0.0.1"
 
 static epicsMutexId lock;
-static int last[PLC_LINKS_MAX];       /* -2: no news yet */
-static unsigned count[PLC_LINKS_MAX]; /* of news */
+static int last[PLC_LINES_MAX];       /* -2: no news yet */
+static unsigned count[PLC_LINES_MAX]; /* of news */
 
 static void news(void *pvt, unsigned which, int answers)
 {
@@ -32,7 +32,7 @@ static void forget(void)
     int i;
 
     epicsMutexMustLock(lock);
-    for (i = 0; i < PLC_LINKS_MAX; i++) {
+    for (i = 0; i < PLC_LINES_MAX; i++) {
         last[i] = -2;
         count[i] = 0;
     }

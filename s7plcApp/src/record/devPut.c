@@ -12,29 +12,9 @@
 #include <dbAccess.h>
 #include <dbLock.h>
 #include <dbNotify.h>
-#include <epicsMutex.h>
-#include <epicsThread.h>
 #include <errlog.h>
 
 #include "devS7plc.h"
-
-/* Records that wait, of all stations, in the order of their puts. The lock is only held to look
- * at the list or to change it, never while a record is locked by us or processes. */
-static ELLLIST waiting = ELLLIST_INIT;
-static epicsMutexId lock;
-static epicsThreadOnceId once = EPICS_THREAD_ONCE_INIT;
-
-static void initOnce(void *arg)
-{
-    (void)arg;
-    lock = epicsMutexMustCreate();
-}
-
-static void enter(void)
-{
-    epicsThreadOnce(&once, initOnce, NULL);
-    epicsMutexMustLock(lock);
-}
 
 /* The record processes to its end. It is locked. */
 static void finish(dbCommon *prec)
@@ -48,11 +28,7 @@ int devPutWait(dbCommon *prec, devRecord *dev)
 {
     if (!dev->mark.number || plcStationThrough(dev->station, &dev->mark))
         return 0;
-    enter();
-    dev->prec = prec;
-    dev->putWaits = 1;
-    ellAdd(&waiting, &dev->putNode);
-    epicsMutexUnlock(lock);
+    devListJoin(dev, devPutting);
     plcStationAwait(dev->station, 1);
     if (!plcStationThrough(dev->station, &dev->mark)) {
         prec->pact = TRUE;
@@ -63,47 +39,16 @@ int devPutWait(dbCommon *prec, devRecord *dev)
 
 int devPutLeave(devRecord *dev)
 {
-    int waits;
+    int waits = devListLeave(dev, devPutting);
 
-    enter();
-    waits = dev->putWaits;
-    if (waits)
-        ellDelete(&waiting, &dev->putNode);
-    dev->putWaits = 0;
-    epicsMutexUnlock(lock);
     if (waits)
         plcStationAwait(dev->station, -1);
     return waits;
 }
 
-void devPutForget(void)
+static int isThrough(devRecord *dev)
 {
-    enter();
-    ellInit(&waiting);
-    epicsMutexUnlock(lock);
-}
-
-/* Takes out a record whose put is through, or NULL. */
-static dbCommon *takeOut(plcStation *station)
-{
-    dbCommon *prec = NULL;
-    ELLNODE *node;
-
-    enter();
-    for (node = ellFirst(&waiting); node && !prec; node = ellNext(node)) {
-        devRecord *dev = CONTAINER(node, devRecord, putNode);
-
-        if (dev->station != station || !plcStationThrough(station, &dev->mark))
-            continue;
-        ellDelete(&waiting, &dev->putNode);
-        dev->putWaits = 0;
-        prec = dev->prec;
-        break;
-    }
-    epicsMutexUnlock(lock);
-    if (prec)
-        plcStationAwait(station, -1);
-    return prec;
+    return plcStationThrough(dev->station, &dev->mark);
 }
 
 /* In a callback thread. The record may have got another link before it is locked. */
@@ -111,13 +56,14 @@ void devPutUpdate(plcStation *station)
 {
     dbCommon *prec;
 
-    while ((prec = takeOut(station))) {
+    while ((prec = devListTake(station, devPutting, isThrough))) {
         devRecord *dev;
 
+        plcStationAwait(station, -1);
         dbScanLock(prec);
         dev = prec->dpvt;
         if (prec->pact && dev && dev->station == station && dev->mark.number &&
-            !dev->putWaits) {
+            !devIsIn(dev, devPutting)) {
             finish(prec);
             devFollowOne(prec, station);
         }

@@ -238,8 +238,8 @@ static void release(devRecord *dev)
         return;
     devPutAbandon(dev);
     devFollowLeave(dev);
-    devAwayLeave(dev);
-    devSilentLeave(dev);
+    devListLeave(dev, devWaiting);
+    devListLeave(dev, devSilent);
     if (dev->listed)
         plcUsersRemove(plcStationUsers(dev->station), &dev->user);
     if (dev->shifted)
@@ -259,18 +259,19 @@ static void attach(dbCommon *prec)
     plcLinkError error = {0, ""};
 
     prec->dpvt = dev;
+    dev->prec = prec;
     if (resolve(prec, dev, text, &error) == 0) {
         int out = devSupportOf(prec)->direction == devOut;
 
         if (dev->has & plcHasR || (out && plcStationShowsOutputs(dev->station)))
-            devFollowJoin(prec, dev);
+            devFollowJoin(dev);
         if (out && dev->faults)
-            devAwayJoin(prec, dev);
+            devListJoin(dev, devWaiting);
         plcStationOnTake(dev->station, devFollowAll);
         plcStationOnThrough(dev->station, devPutUpdate);
         enlist(prec, dev);
         if (!out && dev->statistic == NULL)
-            devSilentJoin(prec, dev, running);
+            devSilentJoin(dev, running);
         return;
     }
     dev->station = NULL;
@@ -312,12 +313,7 @@ static dsxt extension = {addRecord, delRecord};
 
 long devInit(int after)
 {
-    /* after an IOC that has ended its scan lists are gone, and its records */
-    if (!after && running) {
-        devFollowForget();
-        devAwayForget();
-        devPutForget();
-    }
+    /* after an IOC that has ended its scan lists are gone */
     if (!after && (running || !neverScan))
         scanIoInit(&neverScan);
     if (!after)

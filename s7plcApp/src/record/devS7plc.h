@@ -2,7 +2,7 @@
  * structure per record (devRecord), and the few functions through which record adapters
  * meet the images. Private to device support.
  *
- * The files, each of which calls only those before it: devRecord; devS7plcAway,
+ * The files, each of which calls only those before it: devRecord, devList; devS7plcAway,
  * devS7plcSilent; devS7plcFollow; devPut; devTransfer; devS7plc; one for each kind of record.
  *
  * Knows links, types, images and stations; a record's own fields are the business of the
@@ -36,6 +36,21 @@ typedef enum {
     devStatistics /* nor this; the link names a statistic; I/O Intr: once a second too */
 } devDirection;
 
+/* The lists of a PLC's records. */
+typedef enum {
+    devFollowers, /* outputs with a read-back */
+    devWaiting,   /* outputs whose alarm depends on what becomes of their value */
+    devSilent,    /* inputs with I/O Intr that no block has made process */
+    devPutting,   /* outputs that are active until their put is through, in their order */
+    devListKinds
+} devListKind;
+
+/* Membership of a record in one of them. */
+typedef struct devMember {
+    ELLNODE node;
+    struct devRecord *dev;
+} devMember;
+
 /* What is kept for one record: its dpvt. */
 typedef struct devRecord {
     plcStation *station; /* NULL: the link was refused */
@@ -47,8 +62,8 @@ typedef struct devRecord {
     size_t length;       /* bytes of the whole value */
     int order;           /* of its bytes: plcCodec.h */
     unsigned has;    /* options that stood in the link: plcHasT | ... */
-    int silent;      /* in a list of records that no block has made process; looked at for each
-                        value that is read, and so in the lines that a pass fetches ahead */
+    unsigned in;     /* bits of devListKind: the lists that it is in; looked at for each value
+                        that is read, and so in the lines that a pass fetches ahead */
     int buffered;    /* prepare sets this: make a buffer */
     size_t readback; /* R=: offset in the input block, when has & plcHasR */
     epicsInt64 low;  /* L= and H= of integer types */
@@ -57,12 +72,12 @@ typedef struct devRecord {
     epicsUInt32 *shifted;  /* MASK of a multibit record, which we have shifted by SHFT, */
     epicsUInt32 unshifted; /* and what it was; NULL and 0 else */
     const struct plcStatRow *statistic; /* of a devStatistics record */
+    dbCommon *prec;
+    devMember member[devListKinds];
     plcUser user; /* its place, for people; in a list while `listed` */
     int listed;
     epicsUInt8 *buffer; /* strings, arrays: `length` bytes in wire order, else NULL */
     /* outputs with a read-back */
-    ELLNODE node; /* in the list of records that follow */
-    dbCommon *prec;
     epicsUInt8 *shown; /* the bytes that VAL shows now, NULL: no read-back */
     int known;         /* shown is filled */
     int following;     /* the record processes in order to follow, not to write */
@@ -70,15 +85,9 @@ typedef struct devRecord {
     int refused;       /* the write that runs was refused by the station */
     /* outputs that are active until the PLC has taken or refused their put */
     plcPutMark mark; /* of the last put; number 0: the record does not wait */
-    ELLNODE putNode; /* in the list of those, while `putWaits` */
-    int putWaits;
     /* outputs whose value waits for the PLC, or was refused by it */
-    ELLNODE awayNode; /* in the list of records that wait, while `waits` */
-    int waits;
     epicsEnum16 raised; /* the record has this alarm for it (COMM, WRITE; 0: none), instead of */
     epicsEnum16 hiddenStatus, hiddenSeverity; /* this one */
-    /* inputs with I/O Intr */
-    ELLNODE silentNode; /* in that list, while `silent` */
     /* a wire that has links of its own */
     void *own; /* what its resolve has made, */
     void (*forget)(struct devRecord *dev); /* and what ends it; NULL: nothing */
@@ -128,19 +137,27 @@ static inline const devSupport *devSupportOf(const dbCommon *prec)
 /* The head of every row. */
 #define DEV_DSET {6, NULL, devInit, devInitRecord, devIointInfo}
 
-/* The end of the row of a record that writes nothing into a block. */
-#define DEV_READS NULL, NULL, NULL, NULL, NULL
+static inline int devIsIn(const devRecord *dev, devListKind which)
+{
+    return dev->in >> which & 1;
+}
+
+/* The record is in this list of its PLC from now on / no longer: returns 1 when it was. */
+void devListJoin(devRecord *dev, devListKind which);
+int devListLeave(devRecord *dev, devListKind which);
+
+/* The records that are in it now, in an array to be freed. */
+dbCommon **devListRecords(plcStation *station, devListKind which, size_t *count);
+
+/* Takes out the first for which ready() is not 0, with the list locked; NULL: there is none. */
+dbCommon *devListTake(plcStation *station, devListKind which, int (*ready)(devRecord *dev));
 
 /* The transfer of all outputs: writes, or follows the PLC's value. */
 long devWrite(dbCommon *prec);
 
 /* The record follows the read-back of its place from now on / no longer. */
-void devFollowJoin(dbCommon *prec, devRecord *dev);
+void devFollowJoin(devRecord *dev);
 void devFollowLeave(devRecord *dev);
-
-/* A new IOC begins in this process: the records of the one before are gone. */
-void devFollowForget(void);
-void devAwayForget(void);
 
 /* In a callback thread, after the PLC came back, or the output image took values of it.
  */
@@ -187,9 +204,6 @@ void devPutAbandon(devRecord *dev);
  * callback thread. */
 void devPutUpdate(plcStation *station);
 
-/* After an IOC that has ended: none of its records waits. */
-void devPutForget(void);
-
 /* The value of an output is kept, but the PLC is away: raises COMM_ALARM, which ends when
  * the PLC is back. Returns -1; or 0 when the PLC has just come. */
 long devAway(dbCommon *prec, devRecord *dev, const char *reason);
@@ -198,18 +212,13 @@ long devAway(dbCommon *prec, devRecord *dev, const char *reason);
  * has taken another. Returns -1; or 0 when it has not. */
 long devRefused(dbCommon *prec, devRecord *dev);
 
-/* The record hears of refusals from now on / of nothing any longer. */
-void devAwayJoin(dbCommon *prec, devRecord *dev);
-void devAwayLeave(devRecord *dev);
-
 /* The PLC is back, or has refused something or taken it: raises and ends the alarms of its
  * outputs. In a callback thread. */
 void devAwayUpdate(plcStation *station);
 
 /* The record has no value of its PLC yet, and says why there is none, without processing,
  * until a block makes it process. `later`: not at iocInit, since its link is new. */
-void devSilentJoin(dbCommon *prec, devRecord *dev, int later);
-void devSilentLeave(devRecord *dev);
+void devSilentJoin(devRecord *dev, int later);
 
 /* The PLC came or went, or there is another reason why there is no data. In a callback
  * thread. */

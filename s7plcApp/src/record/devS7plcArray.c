@@ -229,13 +229,18 @@ static int prepareAao(dbCommon *common, devRecord *dev, const plcLink *link,
 /* --- The rows: adapt fills in what the shape allows --------------------------------- */
 
 /* clang-format off */
-const devSupport devS7plcWaveform = {DEV_DSET, readWaveform, NULL, "S7plc", "INP", devIn,
-    {"waveform", 0, 0, plcHasL | plcHasW, NULL}, 0, adaptWaveform, prepareWaveform, DEV_READS};
-const devSupport devS7plcAai = {DEV_DSET, readAai, NULL, "S7plc", "INP", devIn,
-    {"aai", 0, 0, plcHasL | plcHasW, NULL}, 0, adaptAai, prepareAai, DEV_READS};
-const devSupport devS7plcAao = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
-    {"aao", 0, 0, plcHasL | plcHasR | plcHasW, NULL}, 0, adaptAao, prepareAao,
-    writeAao, followAao, NULL, NULL, NULL};
+const devSupport devS7plcWaveform = {
+    .common = DEV_DSET, .transfer = readWaveform, .dtyp = "S7plc", .field = "INP",
+    .direction = devIn, .shape = {"waveform", 0, 0, plcHasL | plcHasW, NULL},
+    .adapt = adaptWaveform, .prepare = prepareWaveform};
+const devSupport devS7plcAai = {
+    .common = DEV_DSET, .transfer = readAai, .dtyp = "S7plc", .field = "INP",
+    .direction = devIn, .shape = {"aai", 0, 0, plcHasL | plcHasW, NULL},
+    .adapt = adaptAai, .prepare = prepareAai};
+const devSupport devS7plcAao = {
+    .common = DEV_DSET, .transfer = devWrite, .dtyp = "S7plc", .field = "OUT",
+    .direction = devOut, .shape = {"aao", 0, 0, plcHasL | plcHasR | plcHasW, NULL},
+    .adapt = adaptAao, .prepare = prepareAao, .write = writeAao, .follow = followAao};
 /* clang-format on */
 
 epicsExportAddress(dset, devS7plcWaveform);

@@ -7,56 +7,12 @@
 #include <stdlib.h>
 
 #include <alarm.h>
-#include <cantProceed.h>
 #include <dbAccess.h>
 #include <dbEvent.h>
 #include <dbLock.h>
-#include <epicsMutex.h>
-#include <epicsThread.h>
 
 #include "devS7plc.h"
 #include "plcCompat.h"
-
-/* Records that wait, of all stations. The lock is only held to look at the list or to
- * change it, never while a record is locked by us or processes. */
-static ELLLIST waiting = ELLLIST_INIT;
-static epicsMutexId lock;
-static epicsThreadOnceId once = EPICS_THREAD_ONCE_INIT;
-
-static void initOnce(void *arg)
-{
-    (void)arg;
-    lock = epicsMutexMustCreate();
-}
-
-void devAwayJoin(dbCommon *prec, devRecord *dev)
-{
-    epicsThreadOnce(&once, initOnce, NULL);
-    epicsMutexMustLock(lock);
-    dev->prec = prec;
-    if (!dev->waits)
-        ellAdd(&waiting, &dev->awayNode);
-    dev->waits = 1;
-    epicsMutexUnlock(lock);
-}
-
-void devAwayLeave(devRecord *dev)
-{
-    epicsThreadOnce(&once, initOnce, NULL);
-    epicsMutexMustLock(lock);
-    if (dev->waits)
-        ellDelete(&waiting, &dev->awayNode);
-    dev->waits = 0;
-    epicsMutexUnlock(lock);
-}
-
-void devAwayForget(void)
-{
-    epicsThreadOnce(&once, initOnce, NULL);
-    epicsMutexMustLock(lock);
-    ellInit(&waiting);
-    epicsMutexUnlock(lock);
-}
 
 static int isAway(devRecord *dev)
 {
@@ -89,7 +45,7 @@ static long raiseAlarm(dbCommon *prec, devRecord *dev, epicsEnum16 alarm, const 
  * after that, the record is found in the list. */
 long devAway(dbCommon *prec, devRecord *dev, const char *reason)
 {
-    devAwayJoin(prec, dev);
+    devListJoin(dev, devWaiting);
     return isAway(dev) ? raiseAlarm(prec, dev, COMM_ALARM, reason) : 0;
 }
 
@@ -137,25 +93,14 @@ static void update(dbCommon *prec, const plcStation *station)
     if (dev->raised || refused)
         settle(prec, dev, refused ? reason : NULL);
     if (!dev->faults)
-        devAwayLeave(dev);
+        devListLeave(dev, devWaiting);
 }
 
 void devAwayUpdate(plcStation *station)
 {
-    dbCommon **records;
-    size_t count = 0, i;
-    ELLNODE *node;
+    size_t count, i;
+    dbCommon **records = devListRecords(station, devWaiting, &count);
 
-    epicsThreadOnce(&once, initOnce, NULL);
-    epicsMutexMustLock(lock);
-    records = callocMustSucceed(ellCount(&waiting) + 1, sizeof(*records), "devAwayUpdate");
-    for (node = ellFirst(&waiting); node; node = ellNext(node)) {
-        devRecord *dev = CONTAINER(node, devRecord, awayNode);
-
-        if (dev->station == station)
-            records[count++] = dev->prec;
-    }
-    epicsMutexUnlock(lock);
     for (i = 0; i < count; i++) {
         dbScanLock(records[i]);
         update(records[i], station);

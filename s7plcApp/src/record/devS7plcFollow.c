@@ -12,42 +12,8 @@
 #include <dbAccess.h>
 #include <dbEvent.h>
 #include <dbLock.h>
-#include <epicsMutex.h>
-#include <epicsThread.h>
 
 #include "devS7plc.h"
-
-/* All records with a read-back, of all stations. The lock is only held to look at the list,
- * never while a record is locked or processes. */
-static ELLLIST followers = ELLLIST_INIT;
-static epicsMutexId lock;
-static epicsThreadOnceId once = EPICS_THREAD_ONCE_INIT;
-
-static void initOnce(void *arg)
-{
-    (void)arg;
-    lock = epicsMutexMustCreate();
-}
-
-/* The records of one station that follow now, in an array to be freed. */
-static dbCommon **recordsOf(const plcStation *station, size_t *count)
-{
-    dbCommon **records;
-    devRecord *dev;
-    ELLNODE *node;
-
-    *count = 0;
-    epicsThreadOnce(&once, initOnce, NULL);
-    epicsMutexMustLock(lock);
-    records = callocMustSucceed(ellCount(&followers) + 1, sizeof(*records), "devFollow");
-    for (node = ellFirst(&followers); node; node = ellNext(node)) {
-        dev = CONTAINER(node, devRecord, node);
-        if (dev->station == station)
-            records[(*count)++] = dev->prec;
-    }
-    epicsMutexUnlock(lock);
-    return records;
-}
 
 /* True when the bits that are ours differ from those that VAL shows. */
 static int isNews(const devRecord *dev, const epicsUInt8 *bytes)
@@ -142,7 +108,7 @@ static void followAll(plcStation *station)
 {
     size_t count, i;
     int takes = plcStationTakes(station);
-    dbCommon **records = recordsOf(station, &count);
+    dbCommon **records = devListRecords(station, devFollowers, &count);
 
     for (i = 0; i < count; i++) {
         dbScanLock(records[i]);
@@ -161,21 +127,17 @@ void devFollowAll(plcStation *station)
     devSilentUpdate(station);
 }
 
-void devFollowJoin(dbCommon *prec, devRecord *dev)
+void devFollowJoin(devRecord *dev)
 {
     epicsUInt8 mask[DEV_SCALAR];
 
-    epicsThreadOnce(&once, initOnce, NULL);
     if (dev->shifted)
         dev->mask = *dev->shifted;
-    dev->prec = prec;
     dev->shown = callocMustSucceed(1, dev->length + 1, "devFollowJoin");
     plcStationAddReadback(dev->station, dev, dev->offset,
                           dev->has & plcHasR ? dev->readback : PLC_NO_PLACE, dev->length,
                           devMask(dev, mask));
-    epicsMutexMustLock(lock);
-    ellAdd(&followers, &dev->node);
-    epicsMutexUnlock(lock);
+    devListJoin(dev, devFollowers);
 }
 
 void devFollowLeave(devRecord *dev)
@@ -183,18 +145,8 @@ void devFollowLeave(devRecord *dev)
     if (!dev->shown)
         return;
     plcStationRemoveReadback(dev->station, dev);
-    epicsMutexMustLock(lock);
-    ellDelete(&followers, &dev->node);
-    epicsMutexUnlock(lock);
+    devListLeave(dev, devFollowers);
     free(dev->shown);
-}
-
-void devFollowForget(void)
-{
-    epicsThreadOnce(&once, initOnce, NULL);
-    epicsMutexMustLock(lock);
-    ellInit(&followers);
-    epicsMutexUnlock(lock);
 }
 
 void devShow(devRecord *dev)

@@ -274,23 +274,38 @@ static int adaptLsi(dbCommon *common, const plcLink *link, plcShape *shape, size
 #define ANALOG (plcInteger | plcReal)
 
 /* clang-format off */
-const devSupport devS7plcAi = {DEV_DSET, readAi, linconvAi, "S7plc", "INP", devIn,
-    {"ai", ANALOG, 4, plcHasL | plcHasH | plcHasW, "INT16"}, 0, NULL, prepareAi, DEV_READS};
-const devSupport devS7plcBi = {DEV_DSET, readBi, NULL, "S7plc", "INP", devIn,
-    {"bi", plcInteger, 8, plcHasB | plcHasW, "INT16"}, 0, NULL, prepareBi, DEV_READS};
-const devSupport devS7plcMbbi = {DEV_DSET, readMbbi, NULL, "S7plc", "INP", devIn,
-    {"mbbi", plcInteger, 4, plcHasW, "INT16"}, 0, NULL, prepareMbbi, DEV_READS};
-const devSupport devS7plcMbbiDirect = {DEV_DSET, readMbbiDirect, NULL, "S7plc", "INP",
-    devIn, {"mbbiDirect", plcInteger, 4, plcHasW, "INT16"}, 0, NULL, prepareMbbiDirect, DEV_READS};
-const devSupport devS7plcLongin = {DEV_DSET, readLongin, NULL, "S7plc", "INP", devIn,
-    {"longin", plcInteger, 4, plcHasW, "INT16"}, 0, NULL, prepareLongin, DEV_READS};
-const devSupport devS7plcInt64in = {DEV_DSET, readInt64in, NULL, "S7plc", "INP", devIn,
-    {"int64in", plcInteger, 8, plcHasW, "INT16"}, 0, NULL, NULL, DEV_READS};
-const devSupport devS7plcStringin = {DEV_DSET, readStringin, NULL, "S7plc", "INP", devIn,
-    {"stringin", plcText, 1, plcHasL, "STRING"}, 0, adaptStringin, devPrepareString,
-    DEV_READS};
-const devSupport devS7plcLsi = {DEV_DSET, readLsi, NULL, "S7plc", "INP", devIn,
-    {"lsi", plcText, 1, plcHasL, "STRING"}, 0, adaptLsi, devPrepareString, DEV_READS};
+const devSupport devS7plcAi = {
+    .common = DEV_DSET, .transfer = readAi, .linconv = linconvAi, .dtyp = "S7plc",
+    .field = "INP", .direction = devIn,
+    .shape = {"ai", ANALOG, 4, plcHasL | plcHasH | plcHasW, "INT16"},
+    .prepare = prepareAi};
+const devSupport devS7plcBi = {
+    .common = DEV_DSET, .transfer = readBi, .dtyp = "S7plc", .field = "INP",
+    .direction = devIn, .shape = {"bi", plcInteger, 8, plcHasB | plcHasW, "INT16"},
+    .prepare = prepareBi};
+const devSupport devS7plcMbbi = {
+    .common = DEV_DSET, .transfer = readMbbi, .dtyp = "S7plc", .field = "INP",
+    .direction = devIn, .shape = {"mbbi", plcInteger, 4, plcHasW, "INT16"},
+    .prepare = prepareMbbi};
+const devSupport devS7plcMbbiDirect = {
+    .common = DEV_DSET, .transfer = readMbbiDirect, .dtyp = "S7plc", .field = "INP",
+    .direction = devIn, .shape = {"mbbiDirect", plcInteger, 4, plcHasW, "INT16"},
+    .prepare = prepareMbbiDirect};
+const devSupport devS7plcLongin = {
+    .common = DEV_DSET, .transfer = readLongin, .dtyp = "S7plc", .field = "INP",
+    .direction = devIn, .shape = {"longin", plcInteger, 4, plcHasW, "INT16"},
+    .prepare = prepareLongin};
+const devSupport devS7plcInt64in = {
+    .common = DEV_DSET, .transfer = readInt64in, .dtyp = "S7plc", .field = "INP",
+    .direction = devIn, .shape = {"int64in", plcInteger, 8, plcHasW, "INT16"}};
+const devSupport devS7plcStringin = {
+    .common = DEV_DSET, .transfer = readStringin, .dtyp = "S7plc", .field = "INP",
+    .direction = devIn, .shape = {"stringin", plcText, 1, plcHasL, "STRING"},
+    .adapt = adaptStringin, .prepare = devPrepareString};
+const devSupport devS7plcLsi = {
+    .common = DEV_DSET, .transfer = readLsi, .dtyp = "S7plc", .field = "INP",
+    .direction = devIn, .shape = {"lsi", plcText, 1, plcHasL, "STRING"},
+    .adapt = adaptLsi, .prepare = devPrepareString};
 /* clang-format on */
 
 epicsExportAddress(dset, devS7plcAi);

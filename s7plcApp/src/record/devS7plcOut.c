@@ -382,34 +382,48 @@ static void followLso(dbCommon *common, const devRecord *dev, const epicsUInt8 *
 #define ANALOG (plcInteger | plcReal)
 
 /* clang-format off */
-const devSupport devS7plcAo = {DEV_DSET, devWrite, linconvAo, "S7plc", "OUT", devOut,
-    {"ao", ANALOG, 4, plcHasL | plcHasH | plcHasR | plcHasW, "INT16"}, 2, NULL, prepareAo,
-    writeAo, followAo, NULL, NULL, NULL};
-const devSupport devS7plcCalcout = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
-    {"calcout", ANALOG, 4, plcHasL | plcHasH | plcHasR | plcHasW, "INT16"}, 0, NULL, NULL,
-    writeCalcout, followCalcout, delaysCalcout, NULL, NULL};
-const devSupport devS7plcBo = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
-    {"bo", plcInteger, 8, plcHasB | plcHasR | plcHasW, "INT16"}, 2, NULL, prepareBo,
-    writeBo, followBo, NULL, pulseBo, NULL};
-const devSupport devS7plcMbbo = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
-    {"mbbo", plcInteger, 4, plcHasR | plcHasW, "INT16"}, 2, NULL, prepareMbbo,
-    writeMbbo, followMbbo, NULL, NULL, NULL};
-const devSupport devS7plcMbboDirect = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
-    {"mbboDirect", plcInteger, 4, plcHasR | plcHasW, "INT16"}, 2, NULL, prepareMbboDirect,
-    writeMbboDirect, followMbboDirect, NULL, NULL, NULL};
-const devSupport devS7plcLongout = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
-    {"longout", plcInteger, 4, plcHasR | plcHasW, "INT16"}, 0, NULL, NULL,
-    writeLongout, followLongout, NULL, NULL, NULL};
-const devSupport devS7plcInt64out = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
-    {"int64out", plcInteger, 8, plcHasR | plcHasW, "INT16"}, 0, NULL, NULL,
-    writeInt64out, followInt64out, NULL, NULL, NULL};
-const devSupport devS7plcStringout = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
-    {"stringout", plcText, 1, plcHasL | plcHasR, "STRING"}, 0, adaptStringout,
-    devPrepareString,
-    writeStringout, followStringout, NULL, NULL, NULL};
-const devSupport devS7plcLso = {DEV_DSET, devWrite, NULL, "S7plc", "OUT", devOut,
-    {"lso", plcText, 1, plcHasL | plcHasR, "STRING"}, 0, adaptLso, devPrepareString,
-    writeLso, followLso, NULL, NULL, NULL};
+const devSupport devS7plcAo = {
+    .common = DEV_DSET, .transfer = devWrite, .linconv = linconvAo, .dtyp = "S7plc",
+    .field = "OUT", .direction = devOut,
+    .shape = {"ao", ANALOG, 4, plcHasL | plcHasH | plcHasR | plcHasW, "INT16"},
+    .initStatus = 2, .prepare = prepareAo, .write = writeAo, .follow = followAo};
+const devSupport devS7plcCalcout = {
+    .common = DEV_DSET, .transfer = devWrite, .dtyp = "S7plc", .field = "OUT",
+    .direction = devOut,
+    .shape = {"calcout", ANALOG, 4, plcHasL | plcHasH | plcHasR | plcHasW, "INT16"},
+    .write = writeCalcout, .follow = followCalcout, .delays = delaysCalcout};
+const devSupport devS7plcBo = {
+    .common = DEV_DSET, .transfer = devWrite, .dtyp = "S7plc", .field = "OUT",
+    .direction = devOut,
+    .shape = {"bo", plcInteger, 8, plcHasB | plcHasR | plcHasW, "INT16"}, .initStatus = 2,
+    .prepare = prepareBo, .write = writeBo, .follow = followBo, .pulse = pulseBo};
+const devSupport devS7plcMbbo = {
+    .common = DEV_DSET, .transfer = devWrite, .dtyp = "S7plc", .field = "OUT",
+    .direction = devOut, .shape = {"mbbo", plcInteger, 4, plcHasR | plcHasW, "INT16"},
+    .initStatus = 2, .prepare = prepareMbbo, .write = writeMbbo, .follow = followMbbo};
+const devSupport devS7plcMbboDirect = {
+    .common = DEV_DSET, .transfer = devWrite, .dtyp = "S7plc", .field = "OUT",
+    .direction = devOut,
+    .shape = {"mbboDirect", plcInteger, 4, plcHasR | plcHasW, "INT16"}, .initStatus = 2,
+    .prepare = prepareMbboDirect, .write = writeMbboDirect, .follow = followMbboDirect};
+const devSupport devS7plcLongout = {
+    .common = DEV_DSET, .transfer = devWrite, .dtyp = "S7plc", .field = "OUT",
+    .direction = devOut, .shape = {"longout", plcInteger, 4, plcHasR | plcHasW, "INT16"},
+    .write = writeLongout, .follow = followLongout};
+const devSupport devS7plcInt64out = {
+    .common = DEV_DSET, .transfer = devWrite, .dtyp = "S7plc", .field = "OUT",
+    .direction = devOut, .shape = {"int64out", plcInteger, 8, plcHasR | plcHasW, "INT16"},
+    .write = writeInt64out, .follow = followInt64out};
+const devSupport devS7plcStringout = {
+    .common = DEV_DSET, .transfer = devWrite, .dtyp = "S7plc", .field = "OUT",
+    .direction = devOut, .shape = {"stringout", plcText, 1, plcHasL | plcHasR, "STRING"},
+    .adapt = adaptStringout, .prepare = devPrepareString, .write = writeStringout,
+    .follow = followStringout};
+const devSupport devS7plcLso = {
+    .common = DEV_DSET, .transfer = devWrite, .dtyp = "S7plc", .field = "OUT",
+    .direction = devOut, .shape = {"lso", plcText, 1, plcHasL | plcHasR, "STRING"},
+    .adapt = adaptLso, .prepare = devPrepareString, .write = writeLso,
+    .follow = followLso};
 /* clang-format on */
 
 epicsExportAddress(dset, devS7plcAo);

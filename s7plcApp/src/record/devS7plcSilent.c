@@ -9,38 +9,13 @@
 #include <string.h>
 
 #include <alarm.h>
-#include <cantProceed.h>
 #include <dbAccess.h>
 #include <dbEvent.h>
 #include <dbLock.h>
 #include <dbScan.h>
-#include <epicsMutex.h>
-#include <epicsThread.h>
 
 #include "devS7plc.h"
 #include "plcCompat.h"
-
-/* Of all stations. The lock is only held to look at the list or to change it, never while a
- * record is locked by us or processes. */
-static ELLLIST silent = ELLLIST_INIT;
-static epicsMutexId lock;
-static epicsThreadOnceId once = EPICS_THREAD_ONCE_INIT;
-
-static void initOnce(void *arg)
-{
-    (void)arg;
-    lock = epicsMutexMustCreate();
-}
-
-void devSilentLeave(devRecord *dev)
-{
-    epicsThreadOnce(&once, initOnce, NULL);
-    epicsMutexMustLock(lock);
-    if (dev->silent)
-        ellDelete(&silent, &dev->silentNode);
-    dev->silent = 0;
-    epicsMutexUnlock(lock);
-}
 
 static int says(const dbCommon *prec, const char *reason)
 {
@@ -71,7 +46,7 @@ static void update(dbCommon *prec, plcStation *station)
 {
     devRecord *dev = prec->dpvt;
 
-    if (!dev || dev->station != station || !dev->silent || prec->pact ||
+    if (!dev || dev->station != station || !devIsIn(dev, devSilent) || prec->pact ||
         prec->scan != SCAN_IO_EVENT)
         return;
     if (dev->image)
@@ -80,34 +55,18 @@ static void update(dbCommon *prec, plcStation *station)
         dbProcess(prec); /* "S7plc stat" */
 }
 
-void devSilentJoin(dbCommon *prec, devRecord *dev, int later)
+void devSilentJoin(devRecord *dev, int later)
 {
-    epicsThreadOnce(&once, initOnce, NULL);
-    epicsMutexMustLock(lock);
-    dev->prec = prec;
-    dev->silent = 1;
-    ellAdd(&silent, &dev->silentNode);
-    epicsMutexUnlock(lock);
+    devListJoin(dev, devSilent);
     if (later)
         plcStationTell(dev->station); /* SCAN is not what it was, until the put is through */
 }
 
 void devSilentUpdate(plcStation *station)
 {
-    dbCommon **records;
-    size_t count = 0, i;
-    ELLNODE *node;
+    size_t count, i;
+    dbCommon **records = devListRecords(station, devSilent, &count);
 
-    epicsThreadOnce(&once, initOnce, NULL);
-    epicsMutexMustLock(lock);
-    records = callocMustSucceed(ellCount(&silent) + 1, sizeof(*records), "devSilentUpdate");
-    for (node = ellFirst(&silent); node; node = ellNext(node)) {
-        devRecord *dev = CONTAINER(node, devRecord, silentNode);
-
-        if (dev->station == station)
-            records[count++] = dev->prec;
-    }
-    epicsMutexUnlock(lock);
     for (i = 0; i < count; i++) {
         dbScanLock(records[i]);
         update(records[i], station);

@@ -23,8 +23,8 @@ static long readStat(dbCommon *common)
 
     if (!dev)
         return -1;
-    if (dev->silent)
-        devSilentLeave(dev);
+    if (devIsIn(dev, devSilent))
+        devListLeave(dev, devSilent);
     devStampNow(common);
     prec->rval = plcStationConnected(dev->station, NULL) != 0;
     return 0;
@@ -61,11 +61,13 @@ static int prepareAddr(dbCommon *common, devRecord *dev, const plcLink *link,
 }
 
 /* clang-format off */
-const devSupport devS7plcStat = {DEV_DSET, readStat, NULL, "S7plc stat", "INP", devStatus,
-    {"bi", 0, 0, 0, NULL}, 0, NULL, NULL, DEV_READS};
-const devSupport devS7plcAddr = {{6, NULL, devInit, devInitRecord, NULL}, writeAddr, NULL,
-    "S7plc addr", "OUT", devStatus, {"stringout", 0, 0, 0, NULL}, 0, NULL, prepareAddr,
-    DEV_READS};
+const devSupport devS7plcStat = {
+    .common = DEV_DSET, .transfer = readStat, .dtyp = "S7plc stat", .field = "INP",
+    .direction = devStatus, .shape = {.recordType = "bi"}};
+const devSupport devS7plcAddr = {
+    .common = {6, NULL, devInit, devInitRecord, NULL}, .transfer = writeAddr,
+    .dtyp = "S7plc addr", .field = "OUT", .direction = devStatus,
+    .shape = {.recordType = "stringout"}, .prepare = prepareAddr};
 /* clang-format on */
 
 epicsExportAddress(dset, devS7plcStat);

@@ -35,8 +35,8 @@ PLC_HOT long devFetch(dbCommon *prec, void *bytes)
 
     if (!dev)
         return -1;
-    if (dev->silent)
-        devSilentLeave(dev);
+    if (devIsIn(dev, devSilent))
+        devListLeave(dev, devSilent);
     if (plcImageRead(dev->image, dev->offset, dev->length, bytes,
                      prec->tse == epicsTimeEventDeviceTime ? &prec->time : NULL) == 0)
         return dev->faults ? devUnread(prec, dev) : 0;

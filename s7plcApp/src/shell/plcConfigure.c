@@ -119,10 +119,10 @@ int plcConfigureNumber(const char *command, const char *name, const plcNumberArg
 }
 
 int plcConfigureAddress(const char *text, plcStationConfig *config,
-                        char host[PLC_LINKS_MAX][PLC_NAME_MAX + 1], const char **error)
+                        char host[PLC_LINES_MAX][PLC_NAME_MAX + 1], const char **error)
 {
     size_t length = strcspn(text, ",");
-    unsigned links = config->policy->links;
+    unsigned lines = config->policy->lines;
     struct in_addr address;
 
     *error = "host name or dotted IP address";
@@ -130,14 +130,14 @@ int plcConfigureAddress(const char *text, plcStationConfig *config,
         return -1;
     epicsSnprintf(host[0], sizeof(host[0]), "%.*s", (int)length, text);
     epicsSnprintf(host[1], sizeof(host[1]), "%s", text[length] ? text + length + 1 : "");
-    if (text[length] && (links < 2 || !host[0][0] || !host[1][0])) {
-        *error = links < 2 ? "one address; two only with redundancy"
+    if (text[length] && (lines < 2 || !host[0][0] || !host[1][0])) {
+        *error = lines < 2 ? "one address; two only with redundancy"
                            : "two addresses, FIRST,SECOND";
         return -1;
     }
     if (!plcConfigureIsHost(host[0]) || !plcConfigureIsHost(host[1]))
         return -1;
-    if (links > 1 && !text[length]) {
+    if (lines > 1 && !text[length]) {
         strcpy(host[1], host[0]);
         config->plus[1] = 1;
         if (inet_pton(AF_INET, host[0], &address) == 1 && plcAddressPlus(&address, 1)) {
@@ -155,7 +155,7 @@ plcStation *plcConfigure(const char *command, const char *const args[8],
                          const plcPolicy *policy, void *policyPvt)
 {
     const char *name = args[0], *address = args[1] ? args[1] : "", *error;
-    char host[PLC_LINKS_MAX][PLC_NAME_MAX + 1];
+    char host[PLC_LINES_MAX][PLC_NAME_MAX + 1];
     plcStationConfig config = {.name = name, .policy = policy, .policyPvt = policyPvt,
                                .reader = &plcBlocks};
     epicsInt32 value[6];

@@ -41,6 +41,6 @@ int plcConfigureNumber(const char *command, const char *name, const plcNumberArg
 /* Splits "first,second" for the config, whose policy is set, and checks both; the config
  * points into host. Returns 0, or -1 with *error. */
 int plcConfigureAddress(const char *text, plcStationConfig *config,
-                        char host[PLC_LINKS_MAX][PLC_NAME_MAX + 1], const char **error);
+                        char host[PLC_LINES_MAX][PLC_NAME_MAX + 1], const char **error);
 
 #endif /* INC_plcConfigure_H */

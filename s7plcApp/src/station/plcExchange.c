@@ -219,19 +219,19 @@ static void countNews(plcStation *s, const plcNews *news, epicsUInt64 now)
 }
 
 /* The connection is good for something: it may be said again when it is lost. */
-static void bearFruit(plcStation *s)
+static void answered(plcStation *s)
 {
     plcLine *line = &s->lines[s->exchange->line];
     char text[80];
 
-    if (line->fruitless) {
+    if (line->lostEmpty) {
         epicsSnprintf(text, sizeof(text), "%s requests are answered again",
                       s->exchange->transport->name);
         plcStationLog(s, errlogInfo, text);
     }
     line->hangUps = 0;
-    if (line->fruitless) {
-        line->fruitless = 0;
+    if (line->lostEmpty) {
+        line->lostEmpty = 0;
         plcInputSetLeads(s);
     }
 }
@@ -241,7 +241,7 @@ static void inputCame(plcStation *s, const plcNews *news, epicsUInt64 now)
 {
     const char *block = s->exchange->input;
 
-    bearFruit(s);
+    answered(s);
     s->lines[s->exchange->line].lastBlock = now;
     plcInputBlock(s, block, s->now.timestamp < 0 ? news->stamp : plcInputStamp(s, block),
                   news->blocks, now);
@@ -273,7 +273,7 @@ static void outputsTake(plcStation *s, const char *shown)
                  plcReadbackTake(x->tracked, shown, s->out);
         forgetFaults(s, shown);
     }
-    bearFruit(s);
+    answered(s);
     plcImageAway(s->out, 0);
     plcImageOwe(s->out, shown, whole);
     free(whole);

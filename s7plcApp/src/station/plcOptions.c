@@ -102,7 +102,7 @@ static const optRow rows[] = {
  "registers: between an answer and the next request"},
 {"check",          optChoice, AT(check),          0, 0,  0, "", "strict|anyUnit|anyTransaction|loose", 0, 0,
  "registers: what of an answer must be that of the request: unit and transaction number, or less"},
-{"framing",        optChoice, AT(modbusFraming),  0, 0,  0, "", "tcp|rtu",      0,  0,
+{"framing",        optChoice, AT(framing),  0, 0,  0, "", "tcp|rtu",      0,  0,
  "registers: tcp: with a header; rtu: as on a serial line, with a CRC, for converters"},
 {"heartbeatRegister", optPlace, AT(heartbeatRegister), 0, 0, 65535, "register", NULL, PLC_OFF, 0,
  "registers: a holding register that counts up every `heartbeat` ms, 1000 if that is 0"},

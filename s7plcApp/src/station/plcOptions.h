@@ -65,7 +65,7 @@ typedef struct plcOptions {
     double maxBits;        /* the same of coils and discrete inputs */
     double requestPause;   /* ms between an answer and the next request, 0 = none */
     int check;             /* plcCheckStrict, ... */
-    int modbusFraming;     /* plcFramingTcp, plcFramingRtu */
+    int framing;     /* plcFramingTcp, plcFramingRtu */
 } plcOptions;
 
 void plcOptionsDefault(plcOptions *options);

@@ -12,4 +12,4 @@ PLC_HOT static int singleStep(void *pvt, plcEvent event, unsigned which, epicsUI
     return event == plcEventLost ? -1 : 0;
 }
 
-const plcPolicy plcSingle = {.name = "single", .links = 1, .step = singleStep};
+const plcPolicy plcSingle = {.name = "single", .lines = 1, .step = singleStep};

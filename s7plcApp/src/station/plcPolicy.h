@@ -15,7 +15,7 @@
 struct plcOptions;
 struct plcStation;
 
-#define PLC_LINKS_MAX 2 /* connections of one station */
+#define PLC_LINES_MAX 2 /* connections of one station */
 
 typedef enum {
     plcEventConnected, /* TCP connection `which` is up */
@@ -27,7 +27,7 @@ typedef enum {
 
 typedef struct plcPolicy {
     const char *name;
-    unsigned links; /* connections it wants: 1 or 2 */
+    unsigned lines; /* connections it wants: 1 or 2 */
     /* All run in the station's thread. `now` is monotonic, in ns.
      * step returns the connection that leads from now on: its blocks are data and it gets
      * the output; -1: none. It may set *wake to the time when it wants the next tick. */

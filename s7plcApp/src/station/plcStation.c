@@ -119,8 +119,8 @@ static void setLine(plcStation *s, unsigned i, const plcStationConfig *config)
         s->lines[i].reader = config->reader;
         s->lines[i].readerPvt = config->reader->create(s->inSize);
     }
-    if (s->policy->links > 1)
-        s->lines[i].spare = callocMustSucceed(1, s->inSize + 1, "plcStationCreate");
+    if (s->policy->lines > 1)
+        s->lines[i].kept = callocMustSucceed(1, s->inSize + 1, "plcStationCreate");
 }
 
 /* The thread's main function. */
@@ -213,6 +213,7 @@ plcStation *plcStationCreate(const plcStationConfig *config)
     s->users = plcUsersCreate();
     s->held = callocMustSucceed(1, s->inSize + 1, "plcStationCreate");
     s->lock = epicsMutexMustCreate();
+    s->lists.lock = epicsMutexMustCreate();
     s->ended = epicsEventMustCreate(epicsEventEmpty);
     plcOptionsDefault(&s->options);
     s->logLevel = s->options.log;
@@ -223,7 +224,7 @@ plcStation *plcStationCreate(const plcStationConfig *config)
     s->stats.state = config->address[0][0] ? plcStateConnecting : plcStateNoAddress;
     s->stats.stateSince = epicsMonotonicGet();
     epicsSnprintf(s->reason, sizeof(s->reason), "not connected yet");
-    s->lineCount = s->policy->links;
+    s->lineCount = s->policy->lines;
     for (i = 0; i < s->lineCount; i++)
         setLine(s, i, config);
     if (config->transport)
@@ -299,6 +300,17 @@ static plcStation **tellToStop(void)
     return all;
 }
 
+/* Its records are gone with their IOC, and it may live on. */
+static void forgetRecords(plcStation *s)
+{
+    unsigned i;
+
+    epicsMutexMustLock(s->lists.lock);
+    for (i = 0; i < PLC_LISTS; i++)
+        ellInit(&s->lists.list[i]);
+    epicsMutexUnlock(s->lists.lock);
+}
+
 void plcStationsStop(void)
 {
     plcStation **all = tellToStop();
@@ -311,6 +323,7 @@ void plcStationsStop(void)
         errlogSevPrintf(errlogMajor,
                         "s7plc %s: its thread does not end: does it wait for a record?\n",
                         all[i]->name);
+        forgetRecords(all[i]);
         lockList();
         ellDelete(&stations, &all[i]->node);
         ellAdd(&lost, &all[i]->node);
@@ -337,7 +350,7 @@ void plcStationsDestroy(void)
             plcConnectionFree(&s->lines[i].connection);
             if (s->lines[i].reader)
                 s->lines[i].reader->destroy(s->lines[i].readerPvt);
-            free(s->lines[i].spare);
+            free(s->lines[i].kept);
         }
         plcImageDestroy(s->in);
         plcImageDestroy(s->out);
@@ -345,6 +358,7 @@ void plcStationsDestroy(void)
         plcWakeFree(&s->wake);
         epicsEventDestroy(s->ended);
         epicsMutexDestroy(s->lock);
+        epicsMutexDestroy(s->lists.lock);
         free(s->held);
         plcScanDestroy(s->inScan);
         plcScanDestroy(s->outScan);

@@ -11,6 +11,8 @@
 #include <stdio.h>
 
 #include <dbScan.h>
+#include <ellLib.h>
+#include <epicsMutex.h>
 #include <epicsTime.h>
 #include <epicsTypes.h>
 
@@ -39,9 +41,9 @@ typedef enum {
 
 typedef struct plcStationConfig {
     const char *name;       /* 1 to PLC_NAME_MAX characters, no '/', no blank */
-    const char *address[PLC_LINKS_MAX]; /* host name or dotted IP, or "" (records of
+    const char *address[PLC_LINES_MAX]; /* host name or dotted IP, or "" (records of
                                "S7plc addr" will bring it) */
-    unsigned plus[PLC_LINKS_MAX]; /* added to the address found: 1 for IPaddr+1 */
+    unsigned plus[PLC_LINES_MAX]; /* added to the address found: 1 for IPaddr+1 */
     int port;               /* TCP port of the PLC, 1 to 65535, or 0 with an address "" */
     size_t inSize;          /* bytes PLC -> IOC, 0: nothing is read */
     size_t outSize;         /* bytes IOC -> PLC, 0: nothing is written */
@@ -229,6 +231,16 @@ IOSCANPVT plcStationStatusRecord(plcStation *station, struct dbCommon *prec, int
 
 /* The same for statistics: when the state changes, and once a second. */
 IOSCANPVT plcStationStatsScan(plcStation *station, int prio, int leave);
+
+/* Lists of records of this station, for device support, which knows what each is for. The lock
+ * guards them all; it is never held while a record is locked by who holds it, or processes. */
+#define PLC_LISTS 4
+typedef struct plcLists {
+    epicsMutexId lock;
+    ELLLIST list[PLC_LISTS];
+} plcLists;
+
+plcLists *plcStationLists(plcStation *station);
 
 /* The records of this station, for those who add and remove them. */
 plcUsers *plcStationUsers(plcStation *station);

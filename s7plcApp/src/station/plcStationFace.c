@@ -301,6 +301,11 @@ IOSCANPVT plcStationStatsScan(plcStation *s, int prio, int leave)
     return list;
 }
 
+plcLists *plcStationLists(plcStation *s)
+{
+    return &s->lists;
+}
+
 plcUsers *plcStationUsers(plcStation *s)
 {
     return s->users;
@@ -339,7 +344,7 @@ void plcStationLineAddress(plcStation *s, unsigned line, char *text, size_t size
     char host[PLC_NAME_MAX + 1];
 
     text[0] = 0;
-    if (line >= s->policy->links)
+    if (line >= s->policy->lines)
         return;
     epicsMutexMustLock(s->lock);
     plusText(s->address[line], s->plus[line], host, sizeof(host));
@@ -371,7 +376,7 @@ int plcStationMove(plcStation *s, const char *text, char *error, size_t size)
     epicsMutexMustLock(s->lock);
     if (!port)
         port = s->port[0];
-    for (i = 0; port && i < s->policy->links; i++) {
+    for (i = 0; port && i < s->policy->lines; i++) {
         /* a second PLC at IPaddr+1 moves along; one with an address of its own stays */
         if (i == 0 || s->plus[i])
             strcpy(s->address[i], host);

@@ -87,7 +87,7 @@ void plcInputSetLeads(plcStation *s)
     if (plcStationHasOutLine(s))
         leads = s->lines[s->exchange->line].connection.state == plcConnectionUp;
     /* Who accepts connections and answers nothing is not there: that changes with an answer. */
-    if (s->exchange && s->lines[s->exchange->line].fruitless)
+    if (s->exchange && s->lines[s->exchange->line].lostEmpty)
         leads = 0;
     epicsAtomicSetIntT(&s->connected, connected);
     epicsAtomicSetIntT(&s->leads, leads);

@@ -38,7 +38,7 @@ static const char *lineName(plcStation *s, unsigned i)
 /* This line leads no longer. What still is on its way to the PLC must not get there: not
  * now, and not when its cable is plugged in again. And a connection that fell silent is
  * made anew, so that it is known soon whether the PLC is there. */
-PLC_COLD static void retire(plcStation *s, unsigned i, epicsUInt64 now)
+PLC_COLD static void leadsNoLonger(plcStation *s, unsigned i, epicsUInt64 now)
 {
     const plcConnection *c = &s->lines[i].connection;
 
@@ -95,7 +95,7 @@ PLC_COLD static void setLeader(plcStation *s, int leader, epicsUInt64 now)
     plcStationChanged(s);
     if (leader >= 0 && before >= 0 && before != leader) {
         s->lastAlive = 0; /* another PLC, another alive word */
-        retire(s, before, now);
+        leadsNoLonger(s, before, now);
     }
 }
 
@@ -109,9 +109,9 @@ PLC_HOT void plcLineTellPolicy(plcStation *s, plcEvent event, unsigned i, epicsU
     if (s->leader < 0 || s->leader == before)
         return;
     line = &s->lines[s->leader];
-    if (line->spared && event != plcEventBlock)
-        plcInputBlock(s, line->spare, line->spareStamp, 1, now);
-    line->spared = 0;
+    if (line->isKept && event != plcEventBlock)
+        plcInputBlock(s, line->kept, line->keptStamp, 1, now);
+    line->isKept = 0;
 }
 
 /* Sets the time of the next attempt: the first at once, then later and later. */
@@ -154,8 +154,8 @@ PLC_COLD static void lineFailed(plcStation *s, unsigned i, epicsUInt64 now,
         plcInputInvalidate(s, plcStateConnecting, why);
 }
 
-/* A PLC that babbles looks right and wrong in turns: that is said twice a minute. */
-PLC_COLD static int babbles(const plcLine *line)
+/* A PLC whose blocks look right and wrong in turns: that is said twice a minute. */
+PLC_COLD static int changesOften(const plcLine *line)
 {
     return line->verdicts > 2;
 }
@@ -224,13 +224,13 @@ PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char
     /* One that held for a while was good: a PLC that hangs up at once is tried slower. */
     if (lasted >= plcMsToNs(SETTLED_MS))
         line->failures = 0;
-    if (!line->fruitless && !(line->wrongSize && babbles(line)))
+    if (!line->lostEmpty && !(line->wrongSize && changesOften(line)))
         logLost(s, i, lasted, why);
     countHangUps(s, i, lasted, why);
-    if (!line->fruitless)
+    if (!line->lostEmpty)
         line->quietSince = line->lastBlock ? line->lastBlock : c->since;
     /* One that accepts connections and sends nothing says so once. */
-    line->fruitless = plcLineIsOutput(s, i) || (plcLineExchanges(s, i) && !s->inSize)
+    line->lostEmpty = plcLineIsOutput(s, i) || (plcLineExchanges(s, i) && !s->inSize)
                           ? !epicsAtomicGetIntT(&s->taken)
                           : s->inSize && !plcStationIsPair(s) && !line->lastBlock;
     if (plcLineExchanges(s, i)) {
@@ -247,7 +247,7 @@ PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char
         epicsSnprintf(line->lostWhy, sizeof(line->lostWhy), "%s", why);
     line->lostAt = now;
     line->lastBlock = 0;
-    line->spared = 0;
+    line->isKept = 0;
     line->logged = 1;
     retryLater(line, now);
     epicsMutexMustLock(s->lock);
@@ -273,7 +273,7 @@ PLC_COLD static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
     plcLine *line = &s->lines[i];
     char text[200];
 
-    if (!line->wrongSize && !line->fruitless) {
+    if (!line->wrongSize && !line->lostEmpty) {
         if (line->lostAt && now - line->lostAt >= plcMsToNs(100))
             epicsSnprintf(text, sizeof(text), "%sconnected to %s%s port %d, after %.1f s",
                           lineName(s, i), line->host, line->plus ? "+1" : "",
@@ -389,7 +389,7 @@ PLC_COLD static void lineWrongSize(plcStation *s, unsigned i, size_t burst, epic
     plcStationReason(s, i, why);
     if (first) {
         countVerdict(line, now);
-        if (!babbles(line))
+        if (!changesOften(line))
             plcStationLog(s, errlogMajor, text);
         plcLineLost(s, i, now, why);
     } else {
@@ -465,14 +465,14 @@ static void lineBlocks(plcStation *s, unsigned i, const plcCame *came, epicsUInt
     const void *block = came->block;
     char text[200];
 
-    if (line->wrongSize && !babbles(line))
+    if (line->wrongSize && !changesOften(line))
         plcStationLog(s, errlogInfo, "blocks have the right size again");
-    else if (!line->wrongSize && line->fruitless) {
+    else if (!line->wrongSize && line->lostEmpty) {
         epicsSnprintf(text, sizeof(text), "blocks come again, after %.1f s",
                       (now - line->quietSince) * 1e-9);
         plcStationLog(s, errlogInfo, text);
     }
-    line->wrongSize = line->fruitless = 0;
+    line->wrongSize = line->lostEmpty = 0;
     line->lostWhy[0] = 0;
     line->lastBlock = now;
     epicsMutexMustLock(s->lock);
@@ -493,9 +493,9 @@ static void lineBlocks(plcStation *s, unsigned i, const plcCame *came, epicsUInt
         return;
     }
     /* Kept: when the leader turns out to be silent, this is the newest there is. */
-    memcpy(line->spare, block, s->inSize);
-    line->spareStamp = plcInputStamp(s, block);
-    line->spared = 1;
+    memcpy(line->kept, block, s->inSize);
+    line->keptStamp = plcInputStamp(s, block);
+    line->isKept = 1;
     epicsMutexMustLock(s->lock);
     s->stats.ignored += count;
     epicsMutexUnlock(s->lock);
@@ -596,7 +596,7 @@ void plcLineAddress(plcStation *s, unsigned i, epicsUInt64 now)
     line->resolver = line->host[0] ? plcResolverCreate(line->host, line->plus,
                                                       plcStationWake, s)
                                    : NULL;
-    line->failures = line->wrongSize = line->fruitless = line->logged = 0;
+    line->failures = line->wrongSize = line->lostEmpty = line->logged = 0;
     line->lostWhy[0] = 0;
     line->retryAt = now;
 }

@@ -1,10 +1,16 @@
 /* Inside of a station; only for plcStation*.c.
  *
- * Locking. There are two kinds of data:
- *   - What the thread owns (links, timers, leader): only the thread touches it.
- *   - What others ask for (options, stats, address, error text): guarded by `lock`, held
- *     only to copy; never across a system call, errlog, a scan request or another lock.
- * Order: record lock, then station lock, then the lock of an image or a scan list.
+ * Locking. Each lock is held for a copy or a look at a list; never across a system call, errlog,
+ * a scan request, or the processing of a record. In the order in which they may be taken:
+ *   a) the record lock (Base), by whoever processes a record or puts to it
+ *   b) listLock (plcStation.c): the list of PLCs, and how far the IOC is
+ *   c) `lock` of a station: options, counters, addresses, reasons, whether puts are refused
+ *   d) one of these, alone: the lock of an image (its puts are under it, too), of its faults, of
+ *      a scan list; the lists of the records' own files (devS7plcFollow and others); the
+ *      mailbox of a transport. Only the lock of a table of read-backs is held while the one of
+ *      the output image is taken: a put and its note go together.
+ * Without a lock: what the thread owns (lines, timers, leader), which no other thread touches;
+ * words between threads, which are EPICS atomics; reading the input image (plcImage.h).
  */
 #ifndef INC_plcStationPvt_H
 #define INC_plcStationPvt_H
@@ -67,13 +73,13 @@ typedef struct plcLine {
     unsigned verdicts;     /* that the size is wrong, since: */
     epicsUInt64 verdictsSince;
     unsigned hangUps;      /* in a row: the PLC has closed it at once, without an answer */
-    int fruitless;         /* it was lost before its first block, and has said so, since: */
+    int lostEmpty;         /* it was lost before its first block, and has said so, since: */
     epicsUInt64 quietSince;
     int logged;            /* "cannot connect" has been said */
     char lostWhy[PLC_REASON_SIZE]; /* it has been silent: why it was lost; "": it sends */
-    char *spare;           /* of a pair: its newest block while the other leads */
-    int spared;            /* there is one */
-    epicsTimeStamp spareStamp;
+    char *kept;            /* of a pair: its newest block while the other leads */
+    int isKept;            /* there is one */
+    epicsTimeStamp keptStamp;
 } plcLine;
 
 struct plcStation {
@@ -103,6 +109,7 @@ struct plcStation {
     int tell;                     /* atomic: it is wanted, by another thread than ours */
     plcScan *inScan, *outScan, *statusScan, *statsScan;
     plcUsers *users;
+    plcLists lists;
     const plcListener *listener; /* NULL: none; set before the thread starts */
     void *listenerPvt;
 
@@ -123,9 +130,9 @@ struct plcStation {
     plcOptions options;
     int optionsChanged;
     plcStats stats;
-    char address[PLC_LINKS_MAX][PLC_NAME_MAX + 1]; /* host as configured */
-    int plus[PLC_LINKS_MAX];
-    int port[PLC_LINKS_MAX];
+    char address[PLC_LINES_MAX][PLC_NAME_MAX + 1]; /* host as configured */
+    int plus[PLC_LINES_MAX];
+    int port[PLC_LINES_MAX];
     int outHere;                   /* the output line goes to the address of line 0 */
     unsigned moved;                /* bit i: address or port of line i is new */
     char reason[PLC_REASON_SIZE];  /* why not connected */
@@ -144,7 +151,7 @@ struct plcStation {
 
     /* owned by the thread */
     plcOptions now; /* its copy of the options */
-    plcLine lines[PLC_LINKS_MAX];
+    plcLine lines[PLC_LINES_MAX];
     int leader;              /* index of the leading line, -1 none */
     int lastLeader;          /* the same, or the last that led */
     epicsUInt64 looked;      /* all that came in until then was seen */
@@ -235,8 +242,7 @@ static inline void plcStationChanged(plcStation *s)
 /* Makes the thread look around. Any thread, also with locks held. */
 void plcStationWake(void *station);
 
-/* --- Time: monotonic, in ns
- * ---------------------------------------------------------------*/
+/* --- Time: monotonic, in ns --------------------------------------------------------- */
 
 #define PLC_NS_PER_MS 1e6
 #define PLC_NEVER ((epicsUInt64) - 1)
@@ -255,11 +261,10 @@ static inline void plcEarlier(epicsUInt64 *wake, epicsUInt64 time)
 
 static inline int plcStationIsPair(const plcStation *s)
 {
-    return s->policy->links > 1;
+    return s->policy->lines > 1;
 }
 
-/* --- plcStationInput.c: from a block to the records; the thread only
- * ----------------------*/
+/* --- plcStationInput.c: from a block to the records; the thread only ---------------- */
 
 /* `count` whole blocks came from the PLC that leads; `block` is the newest, taken at
  * stamp. */
@@ -276,8 +281,7 @@ void plcInputSetState(plcStation *s, int state);
 /* For record threads, after leader or validity changed: outputs go somewhere, or not. */
 void plcInputSetLeads(plcStation *s);
 
-/* --- plcStationTables.c: the PLC's table of pointers; the thread only
- * ----------------------*/
+/* --- plcStationTables.c: the PLC's table of pointers; the thread only --------------- */
 
 void plcTablesStart(plcStation *s);
 
@@ -307,8 +311,7 @@ void plcInputFollowStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake);
 void plcInputHoldStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake);
 void plcInputAliveStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake);
 
-/* --- plcStationLines.c: the connections; the thread only
- * ----------------------------------*/
+/* --- plcStationLines.c: the connections; the thread only ---------------------------- */
 
 /* (Re)creates what finds the address of line i, after it changed. */
 void plcLineAddress(plcStation *s, unsigned i, epicsUInt64 now);

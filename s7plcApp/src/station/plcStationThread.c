@@ -31,8 +31,7 @@
 /* Records that hold up threads of PLCs are in the log once in so many seconds. */
 #define HELD_AGAIN_S 60
 
-/* --- Output
- * -----------------------------------------------------------------------------*/
+/* --- Output ------------------------------------------------------------------------- */
 
 static void countSent(plcStation *s, epicsUInt64 now)
 {
@@ -182,8 +181,7 @@ static void outScanStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     plcEarlier(wake, s->nextOutScan);
 }
 
-/* --- Statistics
- * -------------------------------------------------------------------------*/
+/* --- Statistics --------------------------------------------------------------------- */
 
 #define STATS_PERIOD_MS 1000
 
@@ -207,8 +205,7 @@ static void statsStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     plcEarlier(wake, s->nextStatsScan);
 }
 
-/* --- Loop
- * -------------------------------------------------------------------------------*/
+/* --- Loop --------------------------------------------------------------------------- */
 
 /* With track=on read-backs know what was put. What was put before may be on its way. */
 PLC_COLD static void noteWrites(plcStation *s, epicsUInt64 now)
@@ -340,7 +337,7 @@ static void begin(plcStation *s)
 /* Waits until something happens or the time `wake` comes. */
 static void waitFor(plcStation *s, epicsUInt64 wake)
 {
-    struct pollfd fds[1 + PLC_LINKS_MAX];
+    struct pollfd fds[1 + PLC_LINES_MAX];
     epicsUInt64 now = epicsMonotonicGet();
     epicsUInt64 wait = wake > now ? wake - now : 0;
     unsigned i, n, first;

@@ -17,6 +17,10 @@
 #include "plcConnection.h"
 #include "plcHot.h"
 
+#ifndef MSG_NOSIGNAL
+#define MSG_NOSIGNAL 0 /* SO_NOSIGPIPE is set instead */
+#endif
+
 /* Socket options that make a dead peer known; s. Data unacknowledged that long, too. */
 enum { keepIdle = 5, keepInterval = 2, keepCount = 3, userTimeout = 10 };
 
@@ -83,6 +87,9 @@ static void setOptions(SOCKET s)
 {
     setOption(s, IPPROTO_TCP, TCP_NODELAY, 1);
     setOption(s, SOL_SOCKET, SO_KEEPALIVE, 1);
+#ifdef SO_NOSIGPIPE
+    setOption(s, SOL_SOCKET, SO_NOSIGPIPE, 1);
+#endif
 #ifdef TCP_KEEPIDLE
     setOption(s, IPPROTO_TCP, TCP_KEEPIDLE, keepIdle);
     setOption(s, IPPROTO_TCP, TCP_KEEPINTVL, keepInterval);
