@@ -134,20 +134,23 @@ static int define(const char *command, const char *name, const char *ip, const c
     return 0;
 }
 
-/* A PLC that is there already gets another address. */
+/* A PLC that is there already gets another address; without a port, the usual one. */
 static int redefine(const char *command, eipPlc *plc, const char *ip, const char *slot)
 {
-    char error[200];
+    char address[300], error[200];
 
+    ip = ip ? ip : "";
+    epicsSnprintf(address, sizeof(address), *ip && !strchr(ip, ':') ? "%.280s:%d" : "%.280s",
+                  ip, eipTcpPort);
     if (routeOf(command, plc->name, slot ? slot : "0", &plc->connect.route))
         return -1;
     eipWorkerSetConnect(plc->worker, &plc->connect);
-    if (plcStationMove(plc->station, ip ? ip : "", error, sizeof(error))) {
+    if (plcStationMove(plc->station, address, error, sizeof(error))) {
         plcConfigureRefuse(command, plc->name, "%s", error);
         return -1;
     }
     errlogSevPrintf(errlogInfo, "%s %s: it is there already; its address is %s now\n", command,
-                    plc->name, ip);
+                    plc->name, address);
     return 0;
 }
 
@@ -261,7 +264,7 @@ static int complain(const char *name, const char *why)
 /* What is to be asked. */
 typedef struct question {
     const char *plc, *pattern;
-    int type, status;
+    int type, status, asked;
 } question;
 
 static int askPlc(eipPlc *plc, const question *q)
@@ -290,23 +293,33 @@ static void askEach(eipPlc *plc, void *arg)
 
     if (q->plc && *q->plc && strcmp(q->plc, plc->name))
         return;
+    q->asked = 1;
     q->status |= askPlc(plc, q);
+}
+
+/* Asks the PLC of this name, or all. Returns 0; or -1 after an error line. */
+static int ask(const char *command, question *q)
+{
+    eipPlcEach(askEach, q);
+    if (q->plc && *q->plc && !q->asked) {
+        errlogSevPrintf(errlogMajor, "%s: no PLC \"%.60s\"\n", command, q->plc);
+        return -1;
+    }
+    return q->status;
 }
 
 int drvEtherIP_list(const char *PLC, const char *pattern)
 {
-    question q = {PLC, pattern, -1, 0};
+    question q = {PLC, pattern, -1, 0, 0};
 
-    eipPlcEach(askEach, &q);
-    return q.status;
+    return ask("drvEtherIP_list", &q);
 }
 
 int drvEtherIP_describe(const char *PLC, int type)
 {
-    question q = {PLC, NULL, type, 0};
+    question q = {PLC, NULL, type, 0, 0};
 
-    eipPlcEach(askEach, &q);
-    return q.status;
+    return ask("drvEtherIP_describe", &q);
 }
 
 int drvEtherIP_read_tag(const char *ip, int slot, const char *tag, int elements, int timeout)

@@ -603,6 +603,27 @@ def test_commands(plant):
     assert plant.ioc.get("errors") >= 0
 
 
+def test_another_address(plant):
+    """A PLC that is defined again without a port has the usual one"""
+    plant.tags("tag A DINT = 3")
+    plant.records(rec("longin", "a", "A S 0.05"))
+    plant.ioc.wait_value("a", 3)
+    assert "127.0.0.87:44818 now" in plant.ioc.command('drvEtherIP_define_PLC("P", "127.0.0.87", 0)')
+    plant.ioc.wait_alarm("a", "INVALID", "COMM")
+    assert "P 127.0.0.87:44818" in plant.ioc.command("drvEtherIP_report 0")
+    plant.ioc.command(f'drvEtherIP_define_PLC("P", "127.0.0.1:{plant.port}", 0)')
+    plant.ioc.wait_value("a", 3)
+    until(lambda: plant.ioc.severity("a") == "NO_ALARM")
+
+
+def test_unknown_plc(plant):
+    """Questions about a PLC that is not there are one line"""
+    plant.tags("tag A DINT")
+    plant.records(rec("longin", "a", "A S 0.05"))
+    for command in ("drvEtherIP_list Nix", "drvEtherIP_describe Nix, 300"):
+        assert 'no PLC "Nix"' in plant.ioc.command(command)
+
+
 BAD_LINKS = [
     ("@P", "no tag"), ("@P a[", "no number in the index"), ("@P a%", "is not possible"),
     ("@P a S", "is no number"), ("@P a B 64", "B 64"), ("@P a X", "is no flag"),
