@@ -213,6 +213,8 @@ static int putValue(eipClient *c, eipWriter *w, const eipValue *v, char **words,
 
     if (v->name.bit >= 0)
         return putBit(c, w, v, type, words[0]);
+    if (v->data.code == eipStructureCode && !v->characters)
+        return refuse(c, words[0], "a structure; its members can be written");
     if (!type->size)
         return putText(c, w, v, words[0]);
     return putNumbers(c, w, v, type, words, count);

@@ -659,7 +659,8 @@ def test_wrong_definitions(plant):
 
 def test_plctag_writes(plant):
     """plcTag writes numbers, bits and strings, and says why not"""
-    plant.tags("udt Name string 4", "tag D DINT[4]", "tag S STRING", "tag N Name", "tag R REAL")
+    plant.tags("udt Name string 4", "udt Axis Pos:DINT Speed:DINT", "tag X Axis", "tag D DINT[4]",
+               "tag S STRING", "tag N Name", "tag R REAL")
 
     def tag(*words, status=0):
         done = subprocess.run([PLC_TAG, f"127.0.0.1:{plant.port}", *words], capture_output=True,
@@ -675,6 +676,9 @@ def test_plctag_writes(plant):
     assert tag("read", "D", "S", "N", "R") == 'D=0\nS="a \\"b\\""\nN="abcd"\nR=0.1\n'
     assert [plant.tag(f"D[{n}]") for n in range(4)] == ["0", "5", "-6", "16"]
     assert "does not fit" in tag("write", "N", "abcde", status=1)
+    tag("write", "X.Pos", "77")
+    assert "its members" in tag("write", "X", "1", status=1)
+    assert plant.tag("X.Pos") == "77"
     assert "does not fit DINT" in tag("write", "D", "1.5", status=1)
     assert "no such tag" in tag("read", "nix", status=1)
     assert tag("list", "[DR]").split() == ["D", "DINT[4]", "R", "REAL"] or tag("list", "R")
