@@ -59,7 +59,11 @@ static void followByProcess(dbCommon *prec, devRecord *dev)
     if (pulse)
         *pulse = 0; /* what the PLC shows is no put, at whose end another one follows */
     dev->following = 1;
-    devTakeValue(prec, dev); /* already here: the record looks at its limits before it writes */
+    /* Already here, since the record looks at its limits before it writes. Who has links of its
+     * own may decide otherwise when it writes. */
+    if (!support->resolve)
+        devTakeValue(prec, dev);
+    prec->udf = FALSE; /* it is about to get a value: no IVOA for want of one */
     dbProcess(prec);
     if (pulse)
         *pulse = length;
