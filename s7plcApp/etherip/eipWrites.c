@@ -175,6 +175,9 @@ static const char *textItem(eipWorker *w, batch *b, unsigned tag, unsigned want)
 
     if (!type || type->size)
         return "the tag is no string";
+    /* Its length and text would lie over the first members of any other structure. */
+    if (t->code == eipStructureCode && !t->characters)
+        return "a structure not known as a string";
     if (n > wish->room - eipPlaceHead)
         n = wish->room - eipPlaceHead;
     it = addItem(b, itemText, tag, want, wish, length);

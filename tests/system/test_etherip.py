@@ -448,6 +448,16 @@ def test_puts_from_periodic_scan(plant):
         plant.wait_tag("A", str(value))
 
 
+def test_text_into_structure(plant):
+    """A text that is put to a structure that is no string is refused, and the structure stays as it is"""
+    plant.tags("udt Axis Pos:DINT Speed:DINT", "tag X Axis", "tag D DINT = 7")
+    plant.records(rec("stringout", "s", "X S 0.05"), rec("longin", "d", "D S 0.05"))
+    plant.ioc.wait_value("d", 7)
+    plant.ioc.put("s", "ab")
+    plant.ioc.wait_alarm("s", "INVALID", "WRITE", "structure")
+    assert plant.tag("X.Pos") == "0" and plant.tag("X.Speed") == "0"
+
+
 def test_put_callback(plant):
     """A put with callback ends when the PLC has the value, or has refused it"""
     plant.tags("tag A DINT", "tag B BOOL[32]", "tag Ro DINT readonly", "tag S STRING")
