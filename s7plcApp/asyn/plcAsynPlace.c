@@ -267,23 +267,23 @@ static int resolve(plcAsynView *view, plcLinkError *doubt, char *error, size_t s
 static void enlist(plcAsynView *view, const char *port)
 {
     plcStation *station = view->place->station;
-    plcUser *user = &view->user;
+    plcOwner *owner = &view->owner;
 
-    user->name = port;
-    user->recordType = plcAsynFaceName(view->face);
-    user->output = view->place->output;
-    user->offset = view->offset;
-    user->length = view->length;
-    user->type = view->type;
-    user->order = view->order;
-    user->mask = view->bit >= 0 ? (epicsUInt64)1 << view->bit : 0;
-    user->hasReadback = view->hasReadback;
-    user->readback = view->readback;
-    plcUsersAdd(plcStationUsers(station), user);
+    owner->name = port;
+    owner->recordType = plcAsynFaceName(view->face);
+    owner->output = view->place->output;
+    owner->offset = view->offset;
+    owner->length = view->length;
+    owner->type = view->type;
+    owner->order = view->order;
+    owner->mask = view->bit >= 0 ? (epicsUInt64)1 << view->bit : 0;
+    owner->hasReadback = view->hasReadback;
+    owner->readback = view->readback;
+    plcOwnersAdd(plcStationOwners(station), owner);
     view->faults =
-        user->output ? plcStationOutFaults(station) : plcStationInFaults(station);
+        owner->output ? plcStationOutFaults(station) : plcStationInFaults(station);
     view->follows = view->hasReadback ||
-                    (user->output && !view->open && plcStationShowsOutputs(station));
+                    (owner->output && !view->open && plcStationShowsOutputs(station));
     if (view->follows)
         plcStationAddReadback(station, view, view->offset,
                               view->hasReadback ? view->readback : PLC_NO_PLACE,

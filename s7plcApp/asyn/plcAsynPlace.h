@@ -16,7 +16,7 @@
 
 #include "plcLink.h"
 #include "plcStation.h"
-#include "plcUsers.h"
+#include "plcOwners.h"
 
 /* The interfaces that move values. */
 typedef enum {
@@ -57,7 +57,7 @@ typedef struct plcAsynView {
     plcFaults
         *faults; /* bits that the PLC did not give or take; NULL: it does not tell */
     epicsUInt8 mask[PLC_ASYN_SCALAR]; /* with B=: its bit, in wire order */
-    plcUser user;                     /* for s7plcShow */
+    plcOwner owner;                   /* for s7plcShow */
 } plcAsynView;
 
 /* A drvInfo that was accepted. Places live as long as the program. */

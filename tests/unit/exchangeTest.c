@@ -93,7 +93,7 @@ static void testQuiet(void)
 /* Records that come later have values that must stay whole, too. */
 static void testUsers(void)
 {
-    plcUser user = {.name = "late", .recordType = "ao", .output = 1, .offset = 4, .length = 8,
+    plcOwner owner = {.name = "late", .recordType = "ao", .output = 1, .offset = 4, .length = 8,
                     .type = plcTypeFind("FLOAT", 5)};
     int listener;
     plcStation *s;
@@ -102,11 +102,11 @@ static void testUsers(void)
     s = start(&listener);
     WAIT_FOR(epicsAtomicGetIntT(&fake.ups) == 1);
     testOk(epicsAtomicGetIntT(&fake.whole) == 0, "no record, no value");
-    plcUsersAdd(plcStationUsers(s), &user);
+    plcOwnersAdd(plcStationOwners(s), &owner);
     plcStationSend(s);
     WAIT_FOR(epicsAtomicGetIntT(&fake.wholes));
     testOk(epicsAtomicGetIntT(&fake.whole) == 6, "two values of 4 bytes are told at once");
-    plcUsersRemove(plcStationUsers(s), &user);
+    plcOwnersRemove(plcStationOwners(s), &owner);
     plcStationSend(s);
     WAIT_FOR(epicsAtomicGetIntT(&fake.wholes) == 2);
     testOk(epicsAtomicGetIntT(&fake.whole) == 0, "and that they are gone");

@@ -90,8 +90,8 @@ const void *devMask(const devRecord *dev, epicsUInt8 bytes[DEV_SCALAR])
 /* For s7plcShow: an output that no one ever wrote is a PINI that was forgotten. */
 void devHasValue(devRecord *dev)
 {
-    if (dev->user.unwritten) /* no other thread sets it */
-        plcUsersWritten(plcStationUsers(dev->station), &dev->user);
+    if (dev->owner.unwritten) /* no other thread sets it */
+        plcOwnersWritten(plcStationOwners(dev->station), &dev->owner);
 }
 
 long devRefuseWrite(dbCommon *prec, const char *format, ...)

@@ -214,21 +214,21 @@ static int resolve(dbCommon *prec, devRecord *dev, const char *text, plcLinkErro
 static void enlist(dbCommon *prec, devRecord *dev)
 {
     const devSupport *support = devSupportOf(prec);
-    plcUser *user = &dev->user;
+    plcOwner *owner = &dev->owner;
 
     if (!dev->type)
         return;
-    user->name = prec->name;
-    user->recordType = support->shape.recordType;
-    user->output = user->unwritten = support->direction == devOut;
-    user->offset = dev->offset;
-    user->length = dev->length;
-    user->type = dev->type;
-    user->order = dev->order;
-    user->mask = dev->shifted ? *dev->shifted : dev->mask;
-    user->hasReadback = (dev->has & plcHasR) != 0;
-    user->readback = dev->readback;
-    plcUsersAdd(plcStationUsers(dev->station), user);
+    owner->name = prec->name;
+    owner->recordType = support->shape.recordType;
+    owner->output = owner->unwritten = support->direction == devOut;
+    owner->offset = dev->offset;
+    owner->length = dev->length;
+    owner->type = dev->type;
+    owner->order = dev->order;
+    owner->mask = dev->shifted ? *dev->shifted : dev->mask;
+    owner->hasReadback = (dev->has & plcHasR) != 0;
+    owner->readback = dev->readback;
+    plcOwnersAdd(plcStationOwners(dev->station), owner);
     dev->listed = 1;
 }
 
@@ -241,7 +241,7 @@ static void release(devRecord *dev)
     devListLeave(dev, devWaiting);
     devListLeave(dev, devSilent);
     if (dev->listed)
-        plcUsersRemove(plcStationUsers(dev->station), &dev->user);
+        plcOwnersRemove(plcStationOwners(dev->station), &dev->owner);
     if (dev->shifted)
         *dev->shifted = dev->unshifted;
     if (dev->forget)

@@ -23,7 +23,7 @@
 
 #include "plcLink.h"
 #include "plcStation.h"
-#include "plcUsers.h"
+#include "plcOwners.h"
 
 struct plcStatRow;
 
@@ -74,7 +74,7 @@ typedef struct devRecord {
     const struct plcStatRow *statistic; /* of a devStatistics record */
     dbCommon *prec;
     devMember member[devListKinds];
-    plcUser user; /* its place, for people; in a list while `listed` */
+    plcOwner owner; /* its place, for people; in a list while `listed` */
     int listed;
     epicsUInt8 *buffer; /* strings, arrays: `length` bytes in wire order, else NULL */
     /* outputs with a read-back */

@@ -7,7 +7,7 @@
 #include <epicsString.h>
 
 #include "plcShow.h"
-#include "plcUsers.h"
+#include "plcOwners.h"
 
 #define ROW 16        /* bytes in a line */
 #define MAX_PAIRS 100 /* overlaps that are told one by one */
@@ -18,7 +18,7 @@ typedef struct view {
     int output;
     size_t size;
     epicsUInt8 *bytes;
-    plcUser *users; /* sorted by offset */
+    plcOwner *owners; /* sorted by offset */
     size_t count;
 } view;
 
@@ -28,9 +28,9 @@ static int viewOpen(view *v, plcStation *s, int output, FILE *file)
     v->file = file;
     v->output = output;
     v->size = output ? plcStationOutSize(s) : plcStationInSize(s);
-    v->users = plcUsersCopy(plcStationUsers(s), output, &v->count);
+    v->owners = plcOwnersCopy(plcStationOwners(s), output, &v->count);
     v->bytes = malloc(v->size + 1);
-    if (!v->users || !v->bytes)
+    if (!v->owners || !v->bytes)
         return -1;
     plcImagePeek(output ? plcStationOutput(s) : plcStationInput(s), 0, v->size, v->bytes);
     return 0;
@@ -38,63 +38,63 @@ static int viewOpen(view *v, plcStation *s, int output, FILE *file)
 
 static void viewClose(view *v)
 {
-    free(v->users);
+    free(v->owners);
     free(v->bytes);
 }
 
 /* --- One record --------------------------------------------------------------------------*/
 
 /* "INT16", "INT16 bit 3", "INT16 bits 00F0", "INT32 W=low" */
-static void typeText(const plcUser *user, char *text, size_t size)
+static void typeText(const plcOwner *owner, char *text, size_t size)
 {
     unsigned bit = 0;
     size_t used;
 
-    epicsSnprintf(text, size, "%s", user->type->name);
+    epicsSnprintf(text, size, "%s", owner->type->name);
     used = strlen(text);
-    if (user->mask && user->mask != ~(epicsUInt64)0) {
-        while (!(user->mask >> bit & 1))
+    if (owner->mask && owner->mask != ~(epicsUInt64)0) {
+        while (!(owner->mask >> bit & 1))
             bit++;
-        if (user->mask == (epicsUInt64)1 << bit)
+        if (owner->mask == (epicsUInt64)1 << bit)
             epicsSnprintf(text + used, size - used, " bit %u", bit);
         else
             epicsSnprintf(text + used, size - used, " bits %0*llX",
-                          (int)user->type->size * 2, (unsigned long long)user->mask);
+                          (int)owner->type->size * 2, (unsigned long long)owner->mask);
     }
     used = strlen(text);
-    if (user->order & plcWordsSwapped)
+    if (owner->order & plcWordsSwapped)
         epicsSnprintf(text + used, size - used, " W=%s",
-                      user->order & plcBigEndian ? "low" : "high");
+                      owner->order & plcBigEndian ? "low" : "high");
 }
 
 /* The value as it stands in the block; "" for arrays. */
-static void valueText(const view *v, const plcUser *user, char *text, size_t size)
+static void valueText(const view *v, const plcOwner *owner, char *text, size_t size)
 {
-    const epicsUInt8 *bytes = v->bytes + user->offset;
+    const epicsUInt8 *bytes = v->bytes + owner->offset;
     const char *from;
     size_t chars;
     epicsUInt64 raw;
     char *end;
 
     text[0] = 0;
-    if (user->type->kind & plcText && size > 12) {
+    if (owner->type->kind & plcText && size > 12) {
         strcpy(text, " = \"");
-        from = plcGetText(user->type, bytes, user->length, &chars);
+        from = plcGetText(owner->type, bytes, owner->length, &chars);
         epicsStrnEscapedFromRaw(text + 4, size - 6, from, chars);
         end = text + strlen(text);
         strcpy(end, "\"");
-    } else if (user->length != user->type->size || user->type->kind == plcBcd) {
+    } else if (owner->length != owner->type->size || owner->type->kind == plcBcd) {
         return;
-    } else if (user->type->kind == plcReal) {
-        epicsSnprintf(text, size, " = %.7g", plcGetReal(user->type, bytes, user->order));
-    } else if (user->mask) {
-        raw = (epicsUInt64)plcGetInt(user->type, bytes, user->order) & user->mask;
-        for (epicsUInt64 mask = user->mask; !(mask & 1); mask >>= 1)
+    } else if (owner->type->kind == plcReal) {
+        epicsSnprintf(text, size, " = %.7g", plcGetReal(owner->type, bytes, owner->order));
+    } else if (owner->mask) {
+        raw = (epicsUInt64)plcGetInt(owner->type, bytes, owner->order) & owner->mask;
+        for (epicsUInt64 mask = owner->mask; !(mask & 1); mask >>= 1)
             raw >>= 1;
         epicsSnprintf(text, size, " = %llu", (unsigned long long)raw);
     } else {
         epicsSnprintf(text, size, " = %lld",
-                      (long long)plcGetInt(user->type, bytes, user->order));
+                      (long long)plcGetInt(owner->type, bytes, owner->order));
     }
 }
 
@@ -108,18 +108,18 @@ static void placeText(size_t offset, size_t length, char *text, size_t size)
                       (unsigned long)(offset + length - 1));
 }
 
-static void printUser(const view *v, const plcUser *user)
+static void printOwner(const view *v, const plcOwner *owner)
 {
     char place[48], type[60], value[80];
 
-    placeText(user->offset, user->length, place, sizeof(place));
-    typeText(user, type, sizeof(type));
-    valueText(v, user, value, sizeof(value));
-    fprintf(v->file, "        %-11s %s (%s %s)%s", place, user->name, user->recordType, type,
+    placeText(owner->offset, owner->length, place, sizeof(place));
+    typeText(owner, type, sizeof(type));
+    valueText(v, owner, value, sizeof(value));
+    fprintf(v->file, "        %-11s %s (%s %s)%s", place, owner->name, owner->recordType, type,
             value);
-    if (user->hasReadback)
-        fprintf(v->file, ", read back at %lu", (unsigned long)user->readback);
-    if (user->unwritten)
+    if (owner->hasReadback)
+        fprintf(v->file, ", read back at %lu", (unsigned long)owner->readback);
+    if (owner->unwritten)
         fprintf(v->file, ", never written");
     fprintf(v->file, "\n");
 }
@@ -155,7 +155,7 @@ static void printBlock(const view *v)
 
         for (i = row; zero && i < row + ROW && i < v->size; i++)
             zero = v->bytes[i] == 0;
-        if (zero && row && (next == v->count || v->users[next].offset >= row + ROW)) {
+        if (zero && row && (next == v->count || v->owners[next].offset >= row + ROW)) {
             if (!skipped)
                 fprintf(v->file, "       *  zeros\n");
             skipped = 1;
@@ -163,9 +163,9 @@ static void printBlock(const view *v)
         }
         skipped = 0;
         printBytes(v, row);
-        for (; next < v->count && v->users[next].offset < row + ROW; next++) {
-            printUser(v, &v->users[next]);
-            i = v->users[next].offset + v->users[next].length;
+        for (; next < v->count && v->owners[next].offset < row + ROW; next++) {
+            printOwner(v, &v->owners[next]);
+            i = v->owners[next].offset + v->owners[next].length;
             if (i > end)
                 end = i;
         }
@@ -178,12 +178,12 @@ static void printOverlaps(const view *v)
     char left[48], right[48];
 
     for (i = 0; i < v->count; i++) {
-        const plcUser *a = &v->users[i];
+        const plcOwner *a = &v->owners[i];
 
-        for (j = i + 1; j < v->count && v->users[j].offset < a->offset + a->length; j++) {
-            const plcUser *b = &v->users[j];
+        for (j = i + 1; j < v->count && v->owners[j].offset < a->offset + a->length; j++) {
+            const plcOwner *b = &v->owners[j];
 
-            if (!plcUsersOverlap(a, b) || ++pairs > MAX_PAIRS)
+            if (!plcOwnersOverlap(a, b) || ++pairs > MAX_PAIRS)
                 continue;
             if (pairs == 1)
                 fprintf(v->file, "  Overlaps:\n");
@@ -206,15 +206,15 @@ static void printUnused(const view *v)
 
     fprintf(v->file, "  Bytes that no record %s:", v->output ? "writes" : "reads");
     for (i = 0; i <= v->count; i++) {
-        size_t start = i < v->count ? v->users[i].offset : v->size;
+        size_t start = i < v->count ? v->owners[i].offset : v->size;
 
         if (start > end) {
             placeText(end, start - end, place, sizeof(place));
             fprintf(v->file, "%s %s", total ? "," : "", place);
             total += start - end;
         }
-        if (i < v->count && start + v->users[i].length > end)
-            end = start + v->users[i].length;
+        if (i < v->count && start + v->owners[i].length > end)
+            end = start + v->owners[i].length;
     }
     if (total)
         fprintf(v->file, " (%lu of %lu)\n", (unsigned long)total, (unsigned long)v->size);
@@ -252,7 +252,7 @@ static void showRecords(plcStation *s, FILE *file)
             fprintf(file, "%s: %lu %s records\n", plcStationName(s),
                     (unsigned long)v.count, output ? "output" : "input");
             for (i = 0; i < v.count; i++)
-                printUser(&v, &v.users[i]);
+                printOwner(&v, &v.owners[i]);
         }
         viewClose(&v);
     }

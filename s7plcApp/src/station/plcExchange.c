@@ -91,16 +91,16 @@ void plcExchangeOptions(plcStation *s)
 static epicsUInt8 *wholeValues(plcStation *s, int output)
 {
     size_t count, i, byte;
-    plcUser *users = plcUsersCopy(s->users, output, &count);
+    plcOwner *owners = plcOwnersCopy(s->owners, output, &count);
     epicsUInt8 *whole = NULL;
 
     if (count)
         whole = callocMustSucceed(1, (output ? s->outSize : s->inSize) + 1, "wholeValues");
     for (i = 0; i < count; i++)
-        for (byte = 1; users[i].type->size > 1 && byte < users[i].length; byte++)
-            if (byte % users[i].type->size)
-                whole[users[i].offset + byte] = 1;
-    free(users);
+        for (byte = 1; owners[i].type->size > 1 && byte < owners[i].length; byte++)
+            if (byte % owners[i].type->size)
+                whole[owners[i].offset + byte] = 1;
+    free(owners);
     return whole;
 }
 
@@ -109,7 +109,7 @@ static void tellWhole(plcStation *s, int isUp)
     plcExchange *x = s->exchange;
     epicsUInt8 *in, *out;
 
-    x->users = plcUsersChanges(s->users);
+    x->owners = plcOwnersChanges(s->owners);
     in = x->inFaults ? wholeValues(s, 0) : NULL;
     out = wholeValues(s, 1);
     if (!isUp)
@@ -126,7 +126,7 @@ static void startWhenReady(plcStation *s)
 {
     plcExchange *x = s->exchange;
 
-    if (x->sign && x->users != plcUsersChanges(s->users))
+    if (x->sign && x->owners != plcOwnersChanges(s->owners))
         tellWhole(s, 1);
     if (!x->waiting || !epicsAtomicGetIntT(&s->ready))
         return;

@@ -210,7 +210,7 @@ plcStation *plcStationCreate(const plcStationConfig *config)
     s->statusScan = plcScanCreate(0, NULL, NULL);
     s->readback = plcReadbackCreate();
     s->statsScan = plcScanCreate(0, NULL, NULL);
-    s->users = plcUsersCreate();
+    s->owners = plcOwnersCreate();
     s->held = callocMustSucceed(1, s->inSize + 1, "plcStationCreate");
     s->lock = epicsMutexMustCreate();
     s->lists.lock = epicsMutexMustCreate();
@@ -364,7 +364,7 @@ void plcStationsDestroy(void)
         plcScanDestroy(s->outScan);
         plcScanDestroy(s->statusScan);
         plcScanDestroy(s->statsScan);
-        plcUsersDestroy(s->users);
+        plcOwnersDestroy(s->owners);
         plcPointersFree(s->table);
         free(s);
     }

@@ -24,7 +24,7 @@
 #include "plcPointers.h"
 #include "plcReader.h"
 #include "plcTransport.h"
-#include "plcUsers.h"
+#include "plcOwners.h"
 
 typedef struct plcStation plcStation;
 
@@ -243,7 +243,7 @@ typedef struct plcLists {
 plcLists *plcStationLists(plcStation *station);
 
 /* The records of this station, for those who add and remove them. */
-plcUsers *plcStationUsers(plcStation *station);
+plcOwners *plcStationOwners(plcStation *station);
 
 /* The address of the PLC as "host:port" text (of the FIRST of a pair); moving it closes
  * the connection and connects anew at once. `text` is host[:port]. Returns 0 or -1 with the

@@ -306,9 +306,9 @@ plcLists *plcStationLists(plcStation *s)
     return &s->lists;
 }
 
-plcUsers *plcStationUsers(plcStation *s)
+plcOwners *plcStationOwners(plcStation *s)
 {
-    return s->users;
+    return s->owners;
 }
 
 void plcStationAddress(plcStation *s, char *text, size_t size)

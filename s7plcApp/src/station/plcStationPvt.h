@@ -51,7 +51,7 @@ typedef struct plcExchange {
     int unread;            /* the PLC does not show its outputs */
     epicsUInt64 ordered;   /* when the oldest put under way was made; 0: none is */
     epicsUInt64 told;      /* up to where all was through when that was last told */
-    int users;             /* plcUsersChanges when the worker was told where values lie */
+    int owners;            /* plcOwnersChanges when the worker was told where values lie */
     epicsUInt64 sign;      /* the last request was through then; 0: there is none to come */
 } plcExchange;
 
@@ -108,7 +108,7 @@ struct plcStation {
     int acknowledges; /* atomic: complete=acknowledged */
     int tell;                     /* atomic: it is wanted, by another thread than ours */
     plcScan *inScan, *outScan, *statusScan, *statsScan;
-    plcUsers *users;
+    plcOwners *owners;
     plcLists lists;
     const plcListener *listener; /* NULL: none; set before the thread starts */
     void *listenerPvt;

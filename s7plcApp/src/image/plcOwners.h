@@ -3,8 +3,8 @@
  *
  * Knows names and byte ranges; a record itself is only a name here.
  */
-#ifndef INC_plcUsers_H
-#define INC_plcUsers_H
+#ifndef INC_plcOwners_H
+#define INC_plcOwners_H
 
 #include <stddef.h>
 
@@ -13,7 +13,7 @@
 
 #include "plcCodec.h"
 
-typedef struct plcUser {
+typedef struct plcOwner {
     ELLNODE node;
     const char *name;       /* of the record; stays where it is */
     const char *recordType; /* "ai" */
@@ -25,29 +25,29 @@ typedef struct plcUser {
     int hasReadback;
     size_t readback;        /* offset in the input block, when hasReadback */
     int unwritten;          /* an output that never wrote, nor took the PLC's value */
-} plcUser;
+} plcOwner;
 
-typedef struct plcUsers plcUsers;
+typedef struct plcOwners plcOwners;
 
 /* All functions may be called from any thread and do not block. */
-plcUsers *plcUsersCreate(void);
-void plcUsersDestroy(plcUsers *users);
+plcOwners *plcOwnersCreate(void);
+void plcOwnersDestroy(plcOwners *owners);
 
-/* The record keeps *user where it is until it is removed. */
-void plcUsersAdd(plcUsers *users, plcUser *user);
-void plcUsersRemove(plcUsers *users, plcUser *user);
+/* The record keeps *owner where it is until it is removed. */
+void plcOwnersAdd(plcOwners *owners, plcOwner *owner);
+void plcOwnersRemove(plcOwners *owners, plcOwner *owner);
 
 /* The record has written, or has taken the PLC's value. */
-void plcUsersWritten(plcUsers *users, plcUser *user);
+void plcOwnersWritten(plcOwners *owners, plcOwner *owner);
 
 /* A number that is another one after each of these. */
-int plcUsersChanges(plcUsers *users);
+int plcOwnersChanges(plcOwners *owners);
 
 /* A copy of those of one direction, sorted by offset; to be freed. *count is their number.
  * NULL when there are none. */
-plcUser *plcUsersCopy(plcUsers *users, int output, size_t *count);
+plcOwner *plcOwnersCopy(plcOwners *owners, int output, size_t *count);
 
 /* True when the two claim the same bits of the same bytes. */
-int plcUsersOverlap(const plcUser *a, const plcUser *b);
+int plcOwnersOverlap(const plcOwner *a, const plcOwner *b);
 
-#endif /* INC_plcUsers_H */
+#endif /* INC_plcOwners_H */
