@@ -78,7 +78,7 @@ plcModbus *plcModbusCreate(const plcModbusSetup *setup)
     m->values = zeroed(setup->outSize);
     m->unsure = zeroed(setup->outSize);
     m->pieces = zeroed((most + 1) * sizeof(*m->pieces));
-    m->wire = plcModbusWireCreate(setup->name, signalWorker, m);
+    m->relay = plcModbusRelayCreate(setup->name, signalWorker, m);
     m->units = countUnits(setup);
     return m;
 }
@@ -91,7 +91,7 @@ static void endSession(plcModbus *m)
     if (m->handed != INVALID_SOCKET)
         epicsSocketDestroy(m->handed);
     m->handed = INVALID_SOCKET;
-    plcModbusWireCut(m->wire);
+    plcModbusRelayCut(m->relay);
     memset(&m->news, 0, sizeof(m->news));
     m->hasNews = m->mayWrite = 0;
     m->moreLog = 0;
@@ -114,7 +114,7 @@ void plcModbusDestroy(plcModbus *m)
         plcWakeUp(&m->wake);
         epicsThreadMustJoin(m->thread);
     }
-    plcModbusWireDestroy(m->wire);
+    plcModbusRelayDestroy(m->relay);
     plcWakeFree(&m->wake);
     epicsMutexDestroy(m->lock);
     free(m->glueIn);
@@ -281,7 +281,7 @@ static void giveUp(plcModbus *m)
 {
     size_t i;
 
-    plcModbusWireCut(m->wire);
+    plcModbusRelayCut(m->relay);
     if (plcWorkerEnter(m)) {
         plcImagePutsWaiting(m->setup.out, NULL, m->waiting);
         for (i = 0; i < m->setup.outSize; i++)
@@ -356,16 +356,16 @@ static void beginSession(plcModbus *m)
     epicsMutexUnlock(m->lock);
     if (socket == INVALID_SOCKET)
         return;
-    if (plcModbusWireOpen(m->wire, socket, s->lost)) {
+    if (plcModbusRelayOpen(m->relay, socket, s->lost)) {
         giveUp(m);
         return;
     }
-    modbus_flush(plcModbusWireContext(m->wire)); /* if a request has failed halfway */
+    modbus_flush(plcModbusRelayContext(m->relay)); /* if a request has failed halfway */
     if (plcWorkerEnter(m)) {
         epicsMutexUnlock(m->lock);
         plcWorkerPlan(m);
     } else {
-        plcModbusWireCut(m->wire); /* stopped meanwhile, before the wire had the socket */
+        plcModbusRelayCut(m->relay); /* stopped meanwhile, before the relay had the socket */
     }
 }
 
@@ -407,7 +407,7 @@ static epicsUInt64 step(plcModbus *m)
     epicsMutexUnlock(m->lock);
     if (plan)
         plcWorkerPlan(m);
-    if (plcModbusWireBroken(m->wire, s->lost) || plcWorkerWriteAll(m) || beat(m))
+    if (plcModbusRelayBroken(m->relay, s->lost) || plcWorkerWriteAll(m) || beat(m))
         next = PLC_WORKER_NEVER;
     else
         next = plcWorkerPoll(m);

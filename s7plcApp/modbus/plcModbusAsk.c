@@ -15,7 +15,7 @@ enum { busyPause = 20 }; /* ms until a PLC that is busy is asked again */
  * m->bits, for FC22 the AND mask and the OR mask. */
 static int call(plcModbus *m, const plcRequest *q)
 {
-    modbus_t *context = plcModbusWireContext(m->wire);
+    modbus_t *context = plcModbusRelayContext(m->relay);
     int start = (int)q->start, count = (int)q->count;
 
     switch (q->function) {
@@ -55,17 +55,18 @@ static void countRequest(plcModbus *m, const plcModbusResult *x)
     m->hasNews = 1;
 }
 
-static void setWire(plcModbus *m, const plcRequest *q)
+static void setRelay(plcModbus *m, const plcRequest *q)
 {
     const plcModbusOptions *o = &m->session.options;
-    plcModbusWireOptions wire = {.timeout = o->requestTimeout,
-                                 .unit = q->unit == PLC_UNIT_OF_PLC ? m->setup.unit : q->unit - 1,
-                                 .anyUnit = o->anyUnit,
-                                 .anyTransaction = o->anyTransaction,
-                                 .keepSilent = m->units > 1,
-                                 .rtu = o->rtu};
+    plcModbusRequestOptions options = {
+        .timeout = o->requestTimeout,
+        .unit = q->unit == PLC_UNIT_OF_PLC ? m->setup.unit : q->unit - 1,
+        .anyUnit = o->anyUnit,
+        .anyTransaction = o->anyTransaction,
+        .keepSilent = m->units > 1,
+        .rtu = o->rtu};
 
-    plcModbusWireOptionsSet(m->wire, &wire);
+    plcModbusRelaySetOptions(m->relay, &options);
 }
 
 /* Returns 0, the code of an exception, or -1: the session is over. When that is because
@@ -78,9 +79,9 @@ static int askOnce(plcModbus *m, const plcRequest *q)
     if (!plcWorkerEnter(m))
         return -1;
     epicsMutexUnlock(m->lock);
-    setWire(m, q);
+    setRelay(m, q);
     status = call(m, q);
-    plcModbusWireLast(m->wire, &x);
+    plcModbusRelayLast(m->relay, &x);
     if (status < 0 && !x.lost && !x.exception) {
         x.lost = 1;
         epicsSnprintf(x.why, sizeof(x.why), "libmodbus: %.28s", modbus_strerror(errno));

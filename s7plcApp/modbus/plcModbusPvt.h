@@ -13,7 +13,7 @@
 #include <epicsThread.h>
 
 #include "plcModbus.h"
-#include "plcModbusWire.h"
+#include "plcModbusRelay.h"
 #include "plcWake.h"
 
 #define PLC_WORKER_NEVER PLC_WAKE_NEVER
@@ -67,7 +67,7 @@ typedef struct session {
 struct plcModbus {
     char name[40];
     plcModbusSetup setup;
-    plcModbusWire *wire;
+    plcModbusRelay *relay;
     plcWake wake;
     int canWake; /* there were descriptors for it */
     epicsThreadId thread;
