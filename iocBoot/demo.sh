@@ -42,9 +42,9 @@ demo_begin() {
     # terminal the usual ones, so that a plain caget in another window finds the PVs.
     export EPICS_CA_ADDR_LIST=127.0.0.1 EPICS_CA_AUTO_ADDR_LIST=NO
     if [ -z "$terminal" ]; then
-        local port=$((20000 + $$ % 10000))
-        export EPICS_CA_SERVER_PORT=$port EPICS_CA_REPEATER_PORT=$((port + 10000))
-        export EPICS_PVA_SERVER_PORT=$((port + 20000)) EPICS_PVA_BROADCAST_PORT=$((port + 30001))
+        local port=$((10000 + $$ % 2500 * 4)) # none that the system gives to a connection
+        export EPICS_CA_SERVER_PORT=$port EPICS_CA_REPEATER_PORT=$((port + 1))
+        export EPICS_PVA_SERVER_PORT=$((port + 2)) EPICS_PVA_BROADCAST_PORT=$((port + 3))
         export EPICS_CAS_INTF_ADDR_LIST=127.0.0.1 EPICS_PVAS_INTF_ADDR_LIST=127.0.0.1
     fi
     # Would be started by the first caget, and stay.

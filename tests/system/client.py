@@ -10,19 +10,9 @@ import subprocess
 import threading
 from pathlib import Path
 
+from ports import free_port
+
 TOP = Path(__file__).resolve().parents[2]
-
-
-def free_port():
-    """A port of 127.0.0.1 that is free for TCP and UDP."""
-    while True:
-        with socket.socket() as tcp, socket.socket(type=socket.SOCK_DGRAM) as udp:
-            tcp.bind(("127.0.0.1", 0))
-            try:
-                udp.bind(tcp.getsockname())
-            except OSError:
-                continue
-            return tcp.getsockname()[1]
 
 
 class Repeater:

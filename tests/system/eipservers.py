@@ -9,7 +9,7 @@ import sys
 import threading
 from pathlib import Path
 
-import client
+from ports import free_port
 from waiting import until
 
 CODES = {"BOOL": 0xC1, "SINT": 0xC2, "INT": 0xC3, "DINT": 0xC4, "LINT": 0xC5, "REAL": 0xCA,
@@ -20,7 +20,7 @@ class Server:
     """A process that listens on self.port once it has started."""
 
     def __init__(self, *words):
-        self.port = client.free_port()
+        self.port = free_port()
         self.lines = []
         self.process = subprocess.Popen([sys.executable, *self.command(*words)],
                                         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,

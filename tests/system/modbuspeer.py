@@ -18,6 +18,7 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.server.requesthandler import ServerRequestHandler
 from pymodbus.simulator import DataType, SimData, SimDevice
 
+from ports import free_port
 from waiting import LIMIT, until
 
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
@@ -286,7 +287,7 @@ class ModbusPeer:
         bits = [[SimData(0, values=[False] * size, datatype=DataType.BITS)] for _ in "cd"]
         words = [[SimData(0, values=[0] * size, datatype=DataType.REGISTERS)] for _ in "hi"]
         self.device = SimDevice(0, simdata=(*bits, *words))
-        self.unit, self.unit_code, self.port = unit, unit_code, port
+        self.unit, self.unit_code, self.port = unit, unit_code, port or free_port()
         self.requests, self.errors, self.handlers = [], [], []
         self.answers = 0
         self.rules = []
@@ -319,7 +320,6 @@ class ModbusPeer:
             return server
         self.server = self._do(start())
         self.core = self.server.context
-        self.port = self.server.transport.sockets[0].getsockname()[1]
 
     def power_off(self):
         """No listening, all connections reset."""

@@ -8,6 +8,7 @@ import struct
 import threading
 import time
 
+from ports import free_port
 from waiting import LIMIT, until
 
 
@@ -89,7 +90,7 @@ class Peer:
         self.bite = 65536
         self.cut_after = 0  # resets the connection that has so many bytes
         self.listener = None
-        self.port = port
+        self.port = port or free_port()
         self.ticker = None
         self.listen()
 
@@ -100,7 +101,6 @@ class Peer:
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, self.receive_buffer)
         listener.bind(("127.0.0.1", self.port))
         listener.listen(5)
-        self.port = listener.getsockname()[1]
         self.listener = listener
         threading.Thread(target=self._accept, args=(listener,), daemon=True).start()
 

@@ -5,6 +5,7 @@ import subprocess
 import threading
 
 from client import ARCH, TOP
+from ports import free_port
 from waiting import until
 
 PROGRAM = TOP / "bin" / ARCH / "plcSim"
@@ -22,7 +23,8 @@ class Sim:
         self.modbus_port = None  # where the file has modbus_port = 0
         self.etherip_port = None  # where it has etherip_port = 0
         self.process = subprocess.Popen(
-            [*wrapper, str(PROGRAM), "-n", "-p", "0", "-c", str(self.path), *options, str(file)],
+            [*wrapper, str(PROGRAM), "-n", "-p", str(free_port()), "-c", str(self.path), *options,
+             str(file)],
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
         threading.Thread(target=self._read, daemon=True).start()
         until(lambda: self.port and any("console on" in line for line in self.lines),

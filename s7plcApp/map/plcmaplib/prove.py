@@ -5,6 +5,7 @@ Talks to the IOC through its shell (dbgf, dbpf), so that it needs no CA client, 
 through its console.
 """
 import os
+import random
 import re
 import select
 import shutil
@@ -204,10 +205,21 @@ def _number(text):
     return int(text) if re.match(r"^-?\d+$", text) else float(text)
 
 
-def free_port():
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return s.getsockname()[1]
+def free_ports(number):
+    """Ports that no other program listens on, below those that the system gives away itself:
+    one of these could be a connection's by the time that the IOC binds it."""
+    found = []
+    for port in random.sample(range(10000, 20000), 10000):
+        with socket.socket() as tcp, socket.socket(type=socket.SOCK_DGRAM) as udp:
+            try:
+                tcp.bind(("", port))
+                udp.bind(("", port))
+            except OSError:
+                continue
+        found.append(str(port))
+        if len(found) == number:
+            return found
+    raise Refused("no port from 10000 to 19999 is free for the IOC")
 
 
 class Proof:
@@ -399,13 +411,14 @@ def _script(map_, folder, program, name):
 def _environment(map_, sim):
     who = re.sub(r"\W", "_", map_.plc["name"])
     env = dict(os.environ)
+    ca_port, pva_port = free_ports(2)
     env.update({who + "_ADDRESS": "127.0.0.1", who + "_PORT": str(sim.port or sim.modbus or 0),
                 who + "_MODBUS_PORT": str(sim.modbus or 0), "MAPDIR": ".",
                 "EPICS_CAS_INTF_ADDR_LIST": "127.0.0.1", "EPICS_CAS_AUTO_BEACON_ADDR_LIST": "NO",
                 "EPICS_CAS_BEACON_ADDR_LIST": "127.0.0.1",
-                "EPICS_CA_SERVER_PORT": str(free_port()),
+                "EPICS_CA_SERVER_PORT": ca_port,
                 "EPICS_PVAS_INTF_ADDR_LIST": "127.0.0.1", "EPICS_PVA_SERVER_PORT": "0",
-                "EPICS_PVA_BROADCAST_PORT": str(free_port()),
+                "EPICS_PVA_BROADCAST_PORT": pva_port,
                 "IOCSH_HISTEDIT_DISABLE": "1"})
     if map_.plc["wire"] == "modbus":
         env[who + "_PORT"] = str(sim.modbus)
