@@ -9,6 +9,7 @@
 
 #include "simCall.h"
 #include "simCommand.h"
+#include "simValue.h"
 
 /* ---- looking ---- */
 

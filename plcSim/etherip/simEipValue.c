@@ -11,6 +11,7 @@
 #include <cantProceed.h>
 
 #include "simEipValue.h"
+#include "simValue.h"
 
 /* What simMemory calls this type; NULL = a string or a structure. */
 static const char *plainName(const simEipType *type)

@@ -1,5 +1,5 @@
-/* simMemory: the memory of one PLC: data blocks, their addresses, and typed values in
- * them. It does not know what the bytes are for, nor of the network.
+/* simMemory: the memory of one PLC: data blocks, their addresses and types. It does not know what
+ * the bytes are for, nor of the network.
  *
  * Every byte has an address as in a Siemens PLC. Data blocks may have a name too.
  *
@@ -8,8 +8,6 @@
  *   DB10.4        from byte 4 on, as long as the type that comes with it
  *   in.4, out.4   the blocks that go to the IOC (IE_TX) and come from it (IE_RX)
  *   M4.3 MB4 MW4 MD4, the same with I and Q: flags, inputs, outputs
- *
- * Values of several bytes lie in the PLC's byte order (configuration: byteorder).
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */
@@ -87,6 +85,7 @@ const char *simBlockName(const simBlock *block);
 
 /* Reads "INT16", "INT16[20]", "STRING[40]", "S7STRING[16]". Returns 0, or -1 with the reason in error. */
 int simTypeParse(const char *text, simType *type, char error[SIM_ERROR_SIZE]);
+#define SIM_S7STRING_HEAD 2 /* bytes: longest and present length */
 /* Bytes that a value of this type takes. */
 size_t simTypeSize(const simType *type);
 
@@ -98,26 +97,5 @@ int simPlaceParse(const simMemory *mem, const char *text, simBlock *byDefault,
 int simPlaceCheck(const simPlace *place, const simType *type, char error[SIM_ERROR_SIZE]);
 /* The type that an address alone means: DBX BOOL, DBB UINT8, DBW UINT16, DBD UINT32. */
 int simPlaceType(const simPlace *place, simType *type, char error[SIM_ERROR_SIZE]);
-
-/* One element at p, clipped to the type's range. Not for texts, TIME and DTL. */
-void simPutReal(const simTypeInfo *info, epicsUInt8 *p, int bit, int bigEndian,
-                double value);
-/* An integer of 1, 2, 4 or 8 bytes. */
-void simPutInt(epicsUInt8 *p, size_t size, int bigEndian, epicsUInt64 value);
-epicsUInt64 simGetInt(const epicsUInt8 *p, size_t size, int bigEndian);
-/* Text of a STRING or S7STRING, cut or filled with zeros. */
-void simPutText(const simType *type, epicsUInt8 *p, const char *text);
-/* Siemens DATE_AND_TIME: 8 bytes BCD  yy mm dd HH MM SS mm mw  (ms and weekday, Sunday
- * 1). `seconds` since 1970 UTC. */
-void simPutBcdTime(epicsUInt8 *p, double seconds);
-/* Siemens DTL: 12 bytes  yyyy(2) mm dd weekday HH MM SS ns(4). */
-void simPutDtl(epicsUInt8 *p, int bigEndian, double seconds);
-
-/* Writes a value given as text (several, for an array). Nothing is written on error. */
-int simValueSet(const simMemory *mem, const simPlace *place, const simType *type,
-                char **words, size_t count, char error[SIM_ERROR_SIZE]);
-/* Adds the value as text to out. */
-void simValueGet(const simMemory *mem, const simPlace *place, const simType *type,
-                 simText *out);
 
 #endif

@@ -13,6 +13,7 @@
 
 #include "simLog.h"
 #include "simSignal.h"
+#include "simValue.h"
 
 #define PI 3.14159265358979323846
 

@@ -12,6 +12,7 @@
 #include <cantProceed.h>
 
 #include "simModbusMap.h"
+#include "simValue.h"
 
 static const struct table {
     const char *name;

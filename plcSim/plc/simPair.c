@@ -19,6 +19,7 @@
 #include <cantProceed.h>
 
 #include "simPair.h"
+#include "simValue.h"
 
 #define STATE_SIZE 26
 #define BLOCK_HEAD 4

@@ -14,6 +14,7 @@
 
 #include "simPlc.h"
 #include "simPlcFile.h"
+#include "simTransfers.h"
 
 #define CHECK_PAUSE 0.005 /* s between two calls of the program that checks a new table  \
                            */
@@ -346,7 +347,7 @@ static void clearMemory(simPlc *plc, int cold)
     if (cold) {
         tell(plc, simCold, 0);
         simPlcStatementsCold(plc);
-        simProgramFillTables(&plc->program);
+        simTransfersFill(&plc->program);
     }
 }
 

@@ -12,6 +12,8 @@
 
 #include "simPlc.h"
 #include "simPlcFile.h"
+#include "simTransfers.h"
+#include "simValue.h"
 
 static void *grow(void *list, size_t count, size_t size)
 {
@@ -67,12 +69,12 @@ static int sizeArg(const char *word, size_t *value)
 
 static int addTx(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE])
 {
-    return simProgramTransfer(&plc->program, 1, words, count, error);
+    return simTransfersAdd(&plc->program, 1, words, count, error);
 }
 
 static int addRx(simPlc *plc, char **words, size_t count, char error[SIM_ERROR_SIZE])
 {
-    return simProgramTransfer(&plc->program, 0, words, count, error);
+    return simTransfersAdd(&plc->program, 0, words, count, error);
 }
 
 /* allow read|write <block> [<first byte> <bytes>] */

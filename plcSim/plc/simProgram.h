@@ -16,18 +16,13 @@
  * DB_RX_PTRS: source and destination, 20 bytes together; the first pair whose byte 0 is 0
  * ends the list.
  *
- *          0      1      2      3      4      5      6      7 ... 9
- *      +------+------+-------------+-------------+------+-------------+   always
- *      | 0x10 | type |    count    |  DB number  | area | bit address |   big-endian
- *      +------+------+-------------+-------------+------+-------------+
- *
  * SPDX-License-Identifier: BSD-3-Clause
  */
 #ifndef INC_simProgram_H
 #define INC_simProgram_H
 
+#include "simAny.h"
 #include "simLog.h"
-#include "simMemory.h"
 #include "simTables.h"
 
 #define SIM_HEADER 4     /* bytes */
@@ -36,24 +31,6 @@
 #define SIM_TX_TIMEOUT 4 /* no block came for too long, since the last SYNC */
 #define SIM_RX_CHECK 1   /* these are the values I hold: compare */
 #define SIM_RX_DATA 2    /* setpoints */
-
-#define SIM_ANY 10 /* bytes of an ANY pointer */
-
-typedef struct simAny {
-    epicsUInt8
-        type; /* Siemens code: 2 BYTE, 4 WORD, 5 INT, 6 DWORD, 7 DINT, 8 REAL, ... */
-    epicsUInt16 count; /* elements */
-    epicsUInt16 db;
-    epicsUInt8 area; /* SIM_AREA_... */
-    epicsUInt32 bit; /* address in bits: byte 4 is 32 */
-} simAny;
-
-/* Reads "P#DB2.DBX4.0 BYTE 34", given as three words. Returns 0, or -1 and the reason. */
-int simAnyParse(char **words, simAny *any, char error[SIM_ERROR_SIZE]);
-void simAnyEncode(const simAny *any, epicsUInt8 bytes[SIM_ANY]);
-void simAnyDecode(const epicsUInt8 bytes[SIM_ANY], simAny *any);
-/* Bytes that the pointer covers, 0 for an unknown type. */
-size_t simAnySize(const simAny *any);
 
 /* Two ends of an explicit transfer. */
 typedef struct simAssign {
@@ -112,11 +89,6 @@ typedef struct simProgram {
 int simProgramInit(simProgram *program, unsigned txPtrsDb, unsigned rxPtrsDb,
                    char error[SIM_ERROR_SIZE]);
 void simProgramFree(simProgram *program);
-/* Words behind "tx" or "rx":  <from> -> <to>, each an address or an ANY pointer. */
-int simProgramTransfer(simProgram *program, int isTx, char **words, size_t count,
-                       char error[SIM_ERROR_SIZE]);
-/* Writes the pointer tables as configured. */
-void simProgramFillTables(simProgram *program);
 /* Start of the PLC, warm or cold: SYNC falls. */
 void simProgramRestart(simProgram *program);
 

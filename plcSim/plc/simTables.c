@@ -11,6 +11,7 @@
 
 #include "simTables.h"
 #include "simTablesRow.h"
+#include "simValue.h"
 
 #define CRC_BYTES 64   /* of a new table that a cycle checks */
 #define TAIL_BYTES 4   /* of the table in use */

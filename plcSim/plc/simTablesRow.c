@@ -5,6 +5,7 @@
  * SPDX-License-Identifier: BSD-3-Clause
  */
 #include "simTablesRow.h"
+#include "simValue.h"
 
 #define COUNT_MAX 1024 /* bytes of a row */
 #define OWN_DBS 4      /* MAP_A and MAP_B, and what stands behind them in a real PLC */

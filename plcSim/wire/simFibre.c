@@ -22,6 +22,7 @@
 
 #include "simFibre.h"
 #include "simLog.h"
+#include "simValue.h"
 
 #define RETRY 0.1                  /* s */
 #define MAX_OUT (8u * 1024 * 1024) /* bytes that may wait */

@@ -11,6 +11,7 @@
 #include "simConfig.h"
 #include "simLog.h"
 #include "simMemory.h"
+#include "simValue.h"
 
 static simMemory mem;
 static simBlock *db1;

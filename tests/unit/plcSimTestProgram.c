@@ -12,6 +12,7 @@
 #include "simConfig.h"
 #include "simLog.h"
 #include "simProgram.h"
+#include "simTransfers.h"
 
 /* Setpoints in DB10: DBW0, DBD2, DBX6.5. They come at bytes 4, 6 and bit 0 of byte 10 of
  * IE_RX, and are read back at the same places of IE_TX. */
@@ -29,7 +30,7 @@ static void transfer(int isTx, const char *line)
 
     strcpy(text, line);
     count = simSplit(text, words, 10, error);
-    if (simProgramTransfer(&program, isTx, words, (size_t)count, error))
+    if (simTransfersAdd(&program, isTx, words, (size_t)count, error))
         testAbort("%s: %s", line, error);
 }
 
@@ -374,7 +375,7 @@ static void testBadPointers(void)
                    tx->bytes[8] == 0 && tx->bytes[11] == 1 && !memcmp(before, db10->bytes, 8),
                "%s: RET_VAL W#16#%04X, refused; the next pointer is served", rows[i].what,
                program.pack.retVal);
-        simProgramFillTables(&program);
+        simTransfersFill(&program);
         PACK_TX_DB(&program);
         testOk(program.pack.retVal == 0 && tx->bytes[4] == 1, "and again good when mended");
         tearDown();

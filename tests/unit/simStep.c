@@ -17,6 +17,7 @@
 #include <string.h>
 
 #include "simProgram.h"
+#include "simTransfers.h"
 
 #define LINE 200000
 
@@ -76,7 +77,7 @@ static int transfer(int isTx, char error[SIM_ERROR_SIZE])
 
     while (count < 7 && words[count + 1][0])
         count++;
-    return simProgramTransfer(&program, isTx, words + 1, count, error);
+    return simTransfersAdd(&program, isTx, words + 1, count, error);
 }
 
 static int begin(char error[SIM_ERROR_SIZE])

@@ -30,6 +30,7 @@
 #include "simBlockServer.h"
 #include "simCommand.h"
 #include "simServers.h"
+#include "simValue.h"
 
 #define POINTS 4
 #define PATIENCE_S 60.0 /* for what must happen in the end */
