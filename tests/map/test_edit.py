@@ -134,13 +134,14 @@ SAME = [("names of records", "Temp,temperature,", "Hot,temperature,"),
         ("descriptions", ",temperature,C", ",warmth,C"), ("limits", ",5,10,80,95,", ",5,10,70,95,"),
         ("units", ",temperature,C,", ",temperature,K,"), ("states", "closed|OPEN", "shut|WIDE"),
         ("a scale", "0..27648,0..100,1", "0..27648,0..200,1"),
-        ("symbols", "Tank.Door,M4.3", "Tank.Gate,M4.3"), ("places in the PLC", "M4.3", "M5.3"),
+        ("symbols", "Tank.Door,M4.3", "Tank.Gate,M4.3"),
         ("bounds of an array", "ARRAY[0..4] OF INT", "ARRAY[1..5] OF INT"),
         ("how it is moved", "in,54,,explicit", "in,54,,ptr")]
 OTHER = [("a type", "DB11.DBD6,UDINT", "DB11.DBD6,DINT"), ("a place", "BOOL,in,98.0", "BOOL,in,98.1"),
          ("a byte", "DATE_AND_TIME,in,116", "DATE_AND_TIME,in,118"),
          ("the length of a text", "STRING[20]", "STRING[19]"),
          ("the number of elements", "ARRAY[0..4] OF INT", "ARRAY[0..3] OF INT"),
+         ("a place in the PLC", "M4.3", "M5.3"),
          ("a row less", [l for l in example.MAP.splitlines() if l.startswith("Clock")][0] + "\n", ""),
          ("a value that is reserved", "UDINT,in,60,,explicit,Count,pieces", "UDINT,reserved,60,,,,")]
 
@@ -184,23 +185,37 @@ def test_diff(tmp_path):
     assert plcmap("diff", old, old).out.startswith("layout id: ")
 
 
-@pytest.mark.parametrize("title, changes, words", [
-    ("a name", [("Temp,temperature,C", "Hot,temperature,C")], "the PLC's program fits"),
-    ("another place in the PLC", [("M4.3", "M5.3")], "the PLC moves other memory"),
-    ("two rows that swap places", [("in,100,,ptr,V101", "in,X,,ptr,V101"),
-                                   ("in,108,,ptr,V102", "in,100,,ptr,V102"),
-                                   ("in,X,,ptr,V101", "in,108,,ptr,V101")],
-     "the PLC moves other memory"),
-])
-def test_diff_of_the_program(tmp_path, title, changes, words):
-    """{title}: the layout id stays, and diff says whether the PLC's program does"""
-    text = example.MAP
+def edited(text, changes):
     for before, after in changes:
         assert before in text
         text = text.replace(before, after)
-    old, new = example.write(tmp_path / "old"), example.write(tmp_path / "new", map=text)
+    return text
+
+
+SWAPPED = [("in,100,,ptr,V101", "in,X,,ptr,V101"), ("in,108,,ptr,V102", "in,100,,ptr,V102"),
+           ("in,X,,ptr,V101", "in,108,,ptr,V101")]
+
+
+@pytest.mark.parametrize("title, changes, words", [
+    ("a name", [("Temp,temperature,C", "Hot,temperature,C")], " as before; the PLC's program fits"),
+    ("another place in the PLC", [("M4.3", "M5.3")], "PLC and IOC must be loaded together"),
+    ("two rows that swap places", SWAPPED, "PLC and IOC must be loaded together"),
+])
+def test_diff_of_the_layout(tmp_path, title, changes, words):
+    """{title}: diff says whether PLC and IOC must be loaded together"""
+    old = example.write(tmp_path / "old")
+    new = example.write(tmp_path / "new", map=edited(example.MAP, changes))
     last = plcmap("diff", old, new).out.splitlines()[-1]
-    assert last.startswith("layout id: ") and " as before; %s" % words in last
+    assert last.startswith("layout id: ") and words in last
+
+
+def test_diff_of_equal_ids(tmp_path, monkeypatch):
+    """Two layouts that have one id by chance are told, with a way out"""
+    from plcmaplib import diff
+    monkeypatch.setattr(diff, "layout_id", lambda crc: 7)
+    old = example.write(tmp_path / "old")
+    new = example.write(tmp_path / "new", map=edited(example.MAP, SWAPPED))
+    assert "by chance" in plcmap("diff", old, new).out.splitlines()[-1]
 
 
 def test_place_near(tmp_path):

@@ -27,20 +27,18 @@ def diff(old, new):
         sizes = old.block_size(side), new.block_size(side)
         if sizes[0] != sizes[1]:
             lines.append("%s: %d bytes, were %d" % (name, sizes[1], sizes[0]))
-    ids = layout_id(layout_crc(old)), layout_id(layout_crc(new))
-    if layout_crc(old) == layout_crc(new):
-        lines.append("layout id: %d as before; the PLC%s" % (
-            ids[1], "'s program fits" if _moves(old) == _moves(new) else
-            " moves other memory than before: load its program or table anew, the id does not tell"))
-    else:
-        lines.append("layout id: %d, was %d; PLC and IOC must be loaded together" % (ids[1], ids[0]))
-    return lines
+    return lines + [_layout(layout_crc(old), layout_crc(new))]
 
 
-def _moves(map_):
-    """What of the PLC's memory stands where in the blocks."""
-    return {(side, getattr(leaf, side), leaf.address.text(leaf.size()) if leaf.address else "")
-            for leaf in map_.leaves() for side in PLACES if getattr(leaf, side) is not None}
+def _layout(old, new):
+    """Whether both sides must be loaded together."""
+    before, after = layout_id(old), layout_id(new)
+    if old == new:
+        return "layout id: %d as before; the PLC's program fits" % after
+    if before == after:  # one in 65535
+        return ("layout id: %d as before by chance, but the layout is another: raise min_in by 2 for "
+                "another id; PLC and IOC must be loaded together" % after)
+    return "layout id: %d, was %d; PLC and IOC must be loaded together" % (after, before)
 
 
 def _places(row):

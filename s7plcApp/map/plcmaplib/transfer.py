@@ -4,6 +4,7 @@ pointer table that the IOC can download, and the layout id.
 A pointer row moves up to 1024 bytes from one block to another (BLKMOV); an explicit transfer
 moves a bit, byte, word or double word. Rows that lie side by side on both ends are one.
 """
+import re
 import zlib
 
 from .types import Array, Elementary, is_struct
@@ -204,8 +205,20 @@ def _type_key(kind):
     return str(kind)
 
 
+def _source(leaf):
+    """Where a value comes from: the PLC's place of its row, else the row's symbol there, else its
+    symbol in the map; and the names of fields on the way. Bounds of arrays do not count."""
+    a, item = leaf.owner.address, leaf.owner
+    if a is not None and a.area:
+        start = "%s %d" % (a.block(), a.byte) + ("" if a.bit is None else ".%d" % a.bit)
+    else:
+        start = (a.symbol if a is not None else item.symbol).upper()
+    return start + re.sub(r"\[[^\]]*\]", "[]", leaf.member).upper()
+
+
 def layout_crc(map_):
-    """CRC-32 over what the bytes of both blocks mean. Names, limits and texts do not count."""
+    """CRC-32 over what the bytes of both blocks mean: side, place, type and source of each value.
+    Symbols of rows with an address, records, limits and texts do not count."""
     lines = []
     for leaf in map_.leaves():
         for side in ("tx", "rx"):
@@ -213,7 +226,7 @@ def layout_crc(map_):
             if place is None:
                 continue
             at = "%d" % place[0] if place[1] is None else "%d.%d" % place
-            lines.append("%s %s %s" % (side, at, _type_key(leaf.type)))
+            lines.append("%s %s %s %s" % (side, at, _type_key(leaf.type), _source(leaf)))
     lines.sort()
     lines.append("in %d out %d %s" % (map_.block_size("tx"), map_.block_size("rx"),
                                       map_.plc["byteorder"]))
