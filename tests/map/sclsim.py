@@ -94,7 +94,7 @@ class SclSimulator:
 
     def __init__(self, program, file, folder):
         self.plc = Plc(folder, Path(file).read_text(encoding="utf-8"))
-        self.port, self.modbus = self.plc.port, None
+        self.port, self.modbus, self.addresses = self.plc.port, None, ["127.0.0.1"]
 
     def ask(self, commands):
         """In one cycle of the program, as an HMI would not, but a test may."""

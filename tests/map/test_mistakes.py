@@ -279,6 +279,10 @@ MISTAKES = [
      "characters that no record name can have"),
     ("an S7 address in CODESYS", plc(family="codesys"), "map.csv:2:2: plc: ",
      "DB10.DBD0 is a place in an S7; allowed with family=codesys: the name of a variable"),
+    ("two addresses in one cell", plc(address="10.0.0.1; 10.0.0.2"), "plc.csv:6:2: address: ",
+     "is no host name or address; allowed: one, such as 192.168.0.10"),
+    ("a pair over Modbus", {"plc": "key,value\nwire,modbus\nsecond,10.0.0.2\n"},
+     "plc.csv:3:2: second: ", "a pair needs wire=block, not modbus"),
     ("a download without the handshake", {"plc": "key,value\nsync,off\ndownload,on\n"},
      "plc.csv:3:2: download: ", "download=on needs sync=on"),
 ]
@@ -292,6 +296,36 @@ def test_mistake(tmp_path, title, changes, place, text):
     assert result.status == 1
     found = [l for l in result.lines if l.startswith(str(folder) + "/" + place) and text in l]
     assert found, "expected %s ... %s, got:\n%s" % (place, text, result.err)
+
+
+HEAD = "symbol,plc,type,dir,pv\n"
+TAGS = [
+    ("no tag", "A,,INT,in,A\n", "2:2: plc: ", "EtherNet/IP needs the name of the tag"),
+    ("a name that is none", "A,A..B,INT,in,A\n", "2:2: plc: ", "is no name of a tag; allowed: such as"),
+    ("an index that is none", "A,A[x],INT,in,A\n", "2:2: plc: ", "an index is a number; allowed: up to"),
+    ("a type that no controller has", "A,A,DATE_AND_TIME,in,A\n", "2:3: type: ",
+     "a controller has no DATE_AND_TIME; allowed: BOOL SINT"),
+    ("an array that begins at 1", "A,A,ARRAY[1..4] OF INT,in,A\n", "2:3: type: ",
+     "arrays of a controller begin at 0"),
+    ("a member of a number", "A,T,INT,in,A\nB,T.Level,REAL,in,B\n", "3:2: plc: ",
+     "Level is a number or a text, and has no members"),
+    ("a number with members", "A,T.Level,REAL,in,A\nB,T,INT,in,B\n", "3:2: plc: ",
+     "T has members, and is no INT"),
+    ("a tag of two types", "A,T,REAL,in,A\nB,T,DINT,in,B\n", "3:2: plc: ", "T is REAL elsewhere"),
+    ("two and one dimensions", 'A,"T[1,2]",INT,in,A\nB,T[3],INT,in,B\n', "3:2: plc: ",
+     "the array has 2 dimensions elsewhere"),
+    ("a bit of a REAL", "A,T,REAL,in,A\nB,T.3,BOOL,in,B\n", "3:2: plc: ",
+     "only whole numbers have bits, and REAL is none"),
+]
+
+
+@pytest.mark.parametrize("title, rows, place, text", TAGS, ids=[t[0] for t in TAGS])
+def test_tag(tmp_path, title, rows, place, text):
+    """tags: {title}"""
+    import controller
+    result = plcmap("check", controller.write(tmp_path / "m", map=HEAD + rows))
+    assert result.status == 1
+    assert [l for l in result.lines if "map.csv:" + place in l and text in l], result.err
 
 
 def test_count():

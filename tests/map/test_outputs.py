@@ -160,11 +160,24 @@ def test_etherip(tmp_path):
     files = generated(folder, tmp_path / "g")
     db = files["e.db"].decode()
     assert 'field(DTYP, "EtherIP")' in db and 'field(INP, "@P1 Program:Main.A S 0.5")' in db
-    assert 'field(OUT, "@P1 B")' in db
+    assert 'field(OUT, "@P1 B S 0.5")' in db and 'record(ai, "p1:B:RBV")' in db
     assert "@$(PLC) $(TAG).Open" in files["e-VALVE.template"].decode()
     assert '{ "P1", "p1:V:", "Valve1", "" }' in files["e.substitutions"].decode()
     assert 'drvEtherIP_define_PLC("P1", "$(P1_ADDRESS=10.0.0.1)", 2)' in files["e.cmd"].decode()
-    assert not [f for f in files if f.endswith((".plc", ".ptr", ".scl"))]
+    assert "tag Program:Main.A DINT\ntag B REAL\ntag Valve1 T_Valve1\n" in files["e.plc"].decode()
+    assert not [f for f in files if f.endswith((".ptr", ".scl"))]
+
+
+def test_pair(tmp_path):
+    """A redundant pair: both addresses in the command, and a pair for plcSim"""
+    rows = [{"symbol": "A", "plc": "DB10.DBW0", "type": "INT", "pv": "A"}]
+    folder = maps.write(tmp_path / "e", rows, {"sync": "off", "address": "10.0.0.1",
+                                               "second": "10.0.0.9"})
+    assert plcmap("place", folder).status == 0
+    files = generated(folder, tmp_path / "g")
+    assert 'phoenixplcConfigure("P1", "$(P1_ADDRESS=10.0.0.1),$(P1_SECOND=10.0.0.9)", ' \
+        '$(P1_PORT=2000), 2, 0, 1, 2000, 100, 1)' in files["e.cmd"].decode()
+    assert "\nrole      = pair\n" in files["e.plc"].decode()
 
 
 @pytest.mark.parametrize("name", PLANTS)

@@ -6,6 +6,7 @@ import re
 
 import pytest
 
+import controller
 import maps
 import tank as example
 from conftest import TOP, plcmap
@@ -32,10 +33,14 @@ def test_example(tank):
 
 PLANTS = {
     "setpoints one by one": (80, 31, {}),
+    "all setpoints mirrored": (70, 38, {"readback": "0"}),
     "all setpoints mirrored, little-endian": (80, 32, {"readback": "0", "byteorder": "little"}),
     "no handshake": (60, 33, {"sync": "off", "layout_at": "0"}),
     "blocks in, Modbus out": (60, 34, {"wire": "block-modbus", "sync": "off"}),
     "Modbus": (60, 35, {"wire": "modbus", "sync": "off"}),
+    "redundant pair": (60, 36, {"address": "192.168.0.10", "second": "192.168.0.11"}),
+    "redundant pair, no handshake": (60, 37, {"second": "192.168.0.11", "sync": "off",
+                                             "layout_at": "0"}),
 }
 
 
@@ -55,6 +60,30 @@ def test_plants(tmp_path, name):
     assert values > 60 and comparisons > 20 * values and differ == 0, out
 
 
+def test_tags(tmp_path):
+    """EtherNet/IP: tags of every type, members, elements, bits"""
+    values, comparisons, differ, out = proved(controller.write(tmp_path / "ctrl"))
+    assert values == 83 and comparisons > 40 * values and differ == 0, out
+
+
+def test_both_plcs(tmp_path):
+    """redundant pair: the values of the second PLC are compared, too"""
+    folder = made(tmp_path / "p", *PLANTS["redundant pair"])
+    assert plcmap("prove", folder, "--bin", BIN, "--keep", tmp_path / "k").status == 0
+    assert "SECOND: SYNC: the IOC holds the PLC's values" in (tmp_path / "k/plcSim.log").read_text()
+
+
+def test_shared_memory(tmp_path):
+    """A word and its bits, each with a record, are proved one after the other"""
+    rows = [{"symbol": "Status", "plc": "DB10.DBW0", "type": "WORD", "pv": "Status"}]
+    rows += [{"symbol": "S%d" % i, "plc": "DB10.DBX0.%d" % i, "type": "BOOL", "pv": "S%d" % i}
+             for i in range(8)]
+    folder = maps.write(tmp_path / "p", rows, {"sync": "off"})
+    assert plcmap("place", folder).status == 0
+    values, _, differ, out = proved(folder)
+    assert (values, differ) == (9, 0), out
+
+
 @pytest.mark.parametrize("family", ["none", "codesys"])
 def test_symbols(tmp_path, family):
     """A PLC with symbols instead of addresses: {family}"""
@@ -68,7 +97,8 @@ def test_symbols(tmp_path, family):
     assert (values, differ) == (8, 0), out
 
 
-@pytest.mark.parametrize("name", ["tank", "setpoints one by one", "no handshake"])
+@pytest.mark.parametrize("name", ["tank", "setpoints one by one", "all setpoints mirrored",
+                                  "no handshake"])
 def test_generated_program(tmp_path, capsys, name):
     """{name}: the generated SCL plays the PLC"""
     from plcmaplib.check import check

@@ -2,7 +2,7 @@
 told, not the first alone. What a cell must be by itself is checked where it is read."""
 import re
 
-from . import columns
+from . import columns, tags
 from .problems import Place
 from .shown import ASCII_PV
 from .transfer import MAX_ROW, method, same_source
@@ -30,6 +30,7 @@ def check(map_, placed=True):
     _check_overlaps(map_)
     _check_readback(map_)
     _check_memory(map_)
+    _check_tags(map_)
     _check_leaves(map_)
     _check_unused(map_)
     return map_.report
@@ -49,10 +50,14 @@ def _check_plc(map_):
     if not ASCII_PV.match(plc["prefix"]):
         report.error(map_.plc_place("prefix"), "prefix",
                      '"%s" has characters that no record name can have' % plc["prefix"])
-    if re.search(r"\s", plc["address"]):
-        report.error(map_.plc_place("address"), "address",
-                     '"%s" is no host name or address' % plc["address"])
+    for key in ("address", "second"):
+        if re.search(r"[\s,]", plc[key]):
+            report.error(map_.plc_place(key), key, '"%s" is no host name or address; allowed: one, such '
+                         "as 192.168.0.10" % plc[key])
     if plc["wire"] != "block":
+        if plc["second"]:
+            report.error(map_.plc_place("second"), "second", "a pair needs wire=block, not %s"
+                         % plc["wire"])
         for key in ("sync", "download"):
             if map_.on(key):
                 report.error(map_.plc_place(key), key, "%s=on needs wire=block, not %s"
@@ -248,6 +253,26 @@ def _check_memory(map_):
     _check_written(map_)
 
 
+def _check_tags(map_):
+    """EtherNet/IP: names, types that a controller has, and tags that fit each other."""
+    if map_.has_blocks():
+        return
+    root = tags.Node()
+    for leaf in map_.leaves():
+        arrays = [leaf.owner.type] + ([leaf.field.type] if leaf.field is not None else [])
+        if any(low for kind in arrays if isinstance(kind, Array) for low, _ in kind.bounds):
+            _error(map_, leaf.owner, "type", "%s: arrays of a controller begin at 0" % leaf.symbol)
+        if leaf.address is None:
+            continue
+        try:
+            column = "type"
+            tags.kind_of(leaf.type)
+            column = "plc"
+            tags.add(root, leaf)
+        except tags.TagProblem as e:
+            _error(map_, leaf.owner, column, str(e))
+
+
 def _check_width(map_, item, a):
     """DBX for bits, DBW for two bytes, ...; what begins a text, array or structure is free."""
     is_bool = isinstance(item.type, Elementary) and item.type.kind == "bool"
@@ -344,7 +369,7 @@ def _check_leaves(map_):
         full = map_.plc["prefix"] + leaf.pv
         longest = full + (rbv if leaf.dir == "out" and rbv != "-" else "")
         _check_name(map_, leaf, full, longest, names)
-        if leaf.dir == "out" and rbv != "-" and leaf.tx is not None:
+        if leaf.dir == "out" and rbv != "-" and (leaf.tx is not None or not map_.has_blocks()):
             _check_taken(map_, leaf, longest, names)
         _check_shown(map_, leaf)
         _check_macros(map_, leaf)

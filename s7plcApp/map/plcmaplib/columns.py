@@ -70,6 +70,7 @@ WIRES = ["block", "block-modbus", "modbus", "etherip"]
 PLC_KEYS = {
     "name": ("PLC", None, "name of the station in links"),
     "address": ("", None, "host name or address of the PLC"),
+    "second": ("", None, "a redundant pair: address of SECOND; blank: one PLC"),
     "port": ("", (1, 65535), "TCP port; blank: 2000, with Modbus 502"),
     "wire": ("block", WIRES, "block; block-modbus: blocks in, Modbus out; modbus; etherip"),
     "family": ("s7-classic", FAMILIES, "which PLC code is generated"),

@@ -101,9 +101,9 @@ class Room:
 def place(map_, grow=False):
     """Fills the blanks. Returns lines that say what has been placed; cells that could not be
     are errors in map_.report."""
-    lines = place_fields(map_)
     if not map_.has_blocks():
-        return lines
+        return []
+    lines = place_fields(map_)
     if grow:
         lines += _release(map_)
     rooms = {side: Room(map_, side) for side in ("rx", "tx")}

@@ -17,9 +17,9 @@ import time
 
 from .outputs import contents
 from .outputs.records import records
-from .outputs.simulator import Memory
 from .problems import Place, Refused
-from .provevalues import same, sim_type, values
+from .proveplaces import number, places, plain
+from .provevalues import same, values
 
 PATIENCE = 30.0  # s for anything to happen
 SETTLE = 10.0   # s until values agree
@@ -35,23 +35,28 @@ class Simulator:
     def __init__(self, program, file, folder):
         self.path = os.path.join(folder, "plc.sock")
         self.log = open(os.path.join(folder, "plcSim.log"), "w+")
-        words = [program, "-n", "-a", "127.0.0.1", "-p", "0", "-o", "period=%d" % QUICK, "-c",
-                 self.path]
-        if self._modbus(file):
-            words += ["-o", "modbus_port=0"]
+        with open(file) as f:
+            text = f.read()
+        self.addresses = addresses("\nrole      = pair" in text)
+        words = [program, "-n", "-a", self.addresses[0], "-o", "period=%d" % QUICK, "-c", self.path]
+        words += self._ports(text)
         self.process = subprocess.Popen(words + [file], stdin=subprocess.DEVNULL, stdout=self.log,
                                         stderr=subprocess.STDOUT)
         self.text = self._wait_for("console on")
-        self.port = self._port(r"listening on .*:(\d+)$", "Modbus")
+        self.port = self._port(r"listening on .*:(\d+)$", "Modbus")  # blocks, or EtherNet/IP
         self.modbus = self._port(r"Modbus listening on .*:(\d+)$", None)
         self.socket = socket.socket(socket.AF_UNIX)
         self.socket.connect(self.path)
         self.rest = b""
 
     @staticmethod
-    def _modbus(file):
-        with open(file) as f:
-            return "\nmodbus_port" in f.read()
+    def _ports(text):
+        """Options: any free ports."""
+        if "\netherip_port" in text:
+            return ["-o", "etherip_port=0"]
+        if "\nrole      = pair" in text:
+            return ["-p", free_ports(1)[0]]
+        return ["-p", "0"] + (["-o", "modbus_port=0"] if "\nmodbus_port" in text else [])
 
     def _wait_for(self, text):
         end = time.monotonic() + PATIENCE
@@ -192,8 +197,9 @@ def parse(lines):
     if rest.startswith("(empty)"):
         return "" if kind == "CHAR" else []
     if rest.startswith('"'):
+        rest = re.sub(r'" \+ "', "", rest)  # a long one is printed in pieces
         return _ESCAPE.sub(lambda e: e.group(1)[-1:], rest[1:rest.rindex('"')])
-    numbers = [_number(n) for n in _NUMBER.findall(rest)]
+    numbers = [number(n) for n in _NUMBER.findall(rest)]
     if is_list and kind != "CHAR":
         return numbers
     if kind == "CHAR" and numbers == [0]:
@@ -201,8 +207,12 @@ def parse(lines):
     return numbers[0] if numbers else rest
 
 
-def _number(text):
-    return int(text) if re.match(r"^-?\d+$", text) else float(text)
+def addresses(pair):
+    """Where plcSim is: [address], of a pair two beside each other that are this process's own."""
+    if not pair:
+        return ["127.0.0.1"]
+    number = os.getpid() * 2 % 0xFF0000 + 0x100
+    return ["127.%d.%d.%d" % (n >> 16, n >> 8 & 255, n & 255) for n in (number, number + 1)]
 
 
 def free_ports(number):
@@ -229,14 +239,42 @@ class Proof:
         self.map = map_
         self.verbose = args.verbose
         self.patience = args.patience
-        self.memory = Memory(map_)
+        self.places = places(map_)
         self.compared = 0
         self.differences = []
         self.failed = set()  # what has differed: it is not waited for again
-        self.cases = []
-        for number, leaf in enumerate(l for l in map_.leaves() if l.pv):
-            made = records(map_, leaf)
-            self.cases.append((leaf, made, values(map_, leaf, number)))
+        self.cases = [(leaf, records(map_, leaf), values(map_, leaf, n))
+                      for n, leaf in enumerate(l for l in map_.leaves() if l.pv)]
+        self.layers = self._layers()
+
+    def run(self, ioc, sim):
+        """All rounds, of a pair two more with the other PLC; returns how many there were."""
+        rounds = max([len(v) for _, _, v in self.cases] or [0])
+        for turn in range(rounds):
+            self.from_plc(ioc, sim, turn)
+        for turn in range(max([len(v) for l, _, v in self.cases if l.dir != "in"] or [0])):
+            self.to_plc(ioc, sim, turn)
+        if self.map.plc["second"]:
+            sim.ask(["switchover"])
+            for turn in (2, 3):
+                self.from_plc(ioc, sim, turn)
+                self.to_plc(ioc, sim, turn)
+        return rounds
+
+    def _layers(self):
+        """The cases, sorted out: in each list no two share bits of the PLC's memory."""
+        layers = []
+        for case in self.cases:
+            bits = self.places.bits(case[0])
+            for taken, cases in layers:
+                if not taken & bits:
+                    break
+            else:
+                taken, cases = set(), []
+                layers.append((taken, cases))
+            taken |= bits
+            cases.append(case)
+        return [cases for _, cases in layers]
 
     # --- names -----------------------------------------------------------------------------
 
@@ -244,15 +282,6 @@ class Proof:
         """The field that dbgf shows in full."""
         name = self.map.plc["prefix"] + record.name
         return name + ".VAL$" if record.type in ("lsi", "lso") else name
-
-    def where(self, leaf):
-        """Place and type for plcSim."""
-        a = self.memory.of(leaf)
-        kind = sim_type(self.map, leaf.type)
-        if leaf.is_bit():
-            return "%s BOOL" % a.text(1, a.bit)
-        block = "DB%d." % a.db if a.area == "DB" else a.area
-        return "%s%d %s" % (block, a.byte, kind)
 
     # --- the two directions -------------------------------------------------------------------
 
@@ -263,24 +292,26 @@ class Proof:
         elif self.verbose:
             print("  %s = %r" % (what, found))
 
-    def from_plc(self, ioc, sim, number):
-        """Round `number`: all values are set in the PLC and read from the records."""
-        commands, expected = [], []
-        for leaf, made, choice in self.cases:
-            if leaf.dir == "cmd" or (leaf.dir == "out" and leaf.tx is None):
+    def from_plc(self, ioc, sim, turn):
+        """Round `turn`: all values are set in the PLC and read from the records."""
+        for cases in self.layers:
+            self._from_plc(ioc, sim, turn, cases)
+
+    def _from_plc(self, ioc, sim, turn, cases):
+        chosen, expected = [], []
+        for leaf, made, choice in cases:
+            if leaf.dir == "cmd" or (leaf.dir == "out" and not shown(self.map, leaf)):
                 continue
-            value = choice[number % len(choice)]
-            words = ['"%s"' % w if w == "" or " " in w else w for w in value.words]
-            commands.append("set %s %s" % (self.where(leaf), " ".join(words)))
+            value = choice[turn % len(choice)]
+            chosen.append((leaf, value.words))
             for record in made:
                 expected.append((self.pv(record), value.shown))
                 if value.severity is not None and leaf.dir == "in":
                     expected.append((self.map.plc["prefix"] + record.name + ".SEVR",
                                      value.severity))
-        if not commands:
-            return
-        sim.ask(commands)
-        self.settle(lambda names: ioc.get(names), expected)
+        if chosen:
+            sim.ask(self.places.set(chosen))
+            self.settle(ioc.get, expected)
 
     def settle(self, read, expected):
         """Compares; what differs is read again until it agrees or patience ends."""
@@ -297,17 +328,22 @@ class Proof:
             open_ = left
             time.sleep(0.05)
 
-    def to_plc(self, ioc, sim, number):
+    def to_plc(self, ioc, sim, turn):
         """All outputs are put and the PLC's memory is read."""
-        puts, expected, back, leaves = [], [], [], {}
-        for leaf, made, choice in self.cases:
+        for cases in self.layers:
+            self._to_plc(ioc, sim, turn, cases)
+
+    def _to_plc(self, ioc, sim, turn, cases):
+        puts, expected, back, leaves = {}, [], [], {}
+        for leaf, made, choice in cases:
             choice = [v for v in choice if v.put is not None]
             if leaf.dir == "in" or not choice:
                 continue
-            value = choice[number % len(choice)]
-            puts.append('dbpf "%s" %s' % (self.pv(made[0]), _put_text(value.put)))
-            expected.append(("get " + self.where(leaf), _sim_value(leaf, value)))
-            leaves[expected[-1][0]] = leaf
+            value = choice[turn % len(choice)]
+            key = leaf.symbol + " in the PLC"
+            puts[key] = 'dbpf "%s" %s' % (self.pv(made[0]), _put_text(value.put))
+            expected.append((key, _sim_value(leaf, value)))
+            leaves[key] = leaf
             if value.severity is not None and leaf.dir == "out":
                 back.append((self.map.plc["prefix"] + made[0].name + ".SEVR", value.severity))
             back += [(self.pv(r), value.shown) for r in made[1:]]
@@ -317,12 +353,13 @@ class Proof:
 
         def read(names):
             # a bit of a command goes back by itself; a put may have met a check of the PLC
-            ioc.run([p for p, e in zip(puts, expected) if e[0] in names])
+            ioc.run([puts[n] for n in names])
             time.sleep(2.5 * QUICK / 1000)
-            return {n: _answer(a, leaves[n]) for n, a in zip(names, sim.ask(names))}
+            answers = sim.ask([self.places.get(leaves[n]) for n in names])
+            return {n: self.places.answer(a, leaves[n]) for n, a in zip(names, answers)}
         self.settle(read, expected)
         if back:
-            self.settle(lambda names: ioc.get(names), back)
+            self.settle(ioc.get, back)
 
     def wait_synced(self, ioc):
         if not self.map.on("sync"):
@@ -349,6 +386,11 @@ class Proof:
             time.sleep(0.05)
 
 
+def shown(map_, leaf):
+    """The PLC shows what it holds of a setpoint."""
+    return leaf.tx is not None or not map_.has_blocks()
+
+
 def _put_text(value):
     if isinstance(value, list):
         return '"[%s]"' % ",".join(repr(v) for v in value)
@@ -358,30 +400,14 @@ def _put_text(value):
 def _sim_value(leaf, value):
     """What plcSim's `get` prints, parsed."""
     words = value.words
-    parsed = [_plain(w, leaf) for w in words]
+    parsed = [plain(w, leaf) for w in words]
     return parsed if len(parsed) > 1 else parsed[0]
 
 
-def _plain(word, leaf):
-    kind = getattr(leaf.type, "element", leaf.type)
-    if getattr(kind, "kind", "text") in ("text", "char", "time", "raw"):
-        return word
-    return _number(word)
-
-
-def _answer(text, leaf):
-    """What plcSim's `get` printed: DB10.4 INT16 = 5"""
-    text = text.partition(" = ")[2]
-    if text.startswith('"'):
-        return text[1:-1]
-    parsed = [_plain(p, leaf) for p in text.split()]
-    return parsed if len(parsed) != 1 else parsed[0]
-
-
-def _programs(args):
+def _programs(args, pair):
     here = args.bin or os.path.dirname(os.path.realpath(sys.argv[0]))
     found = []
-    for name in ("plcSim", "s7plcIoc"):
+    for name in ("plcSim", "phoenixIoc" if pair else "s7plcIoc"):
         path = os.path.join(here, name)
         if not os.access(path, os.X_OK):
             raise Refused("no %s; --bin names the folder of plcSim and s7plcIoc"
@@ -392,7 +418,8 @@ def _programs(args):
 
 def _script(map_, folder, program, name):
     top = os.path.dirname(os.path.dirname(os.path.dirname(program)))
-    dbd = os.path.join(top, "dbd", "s7plcIoc.dbd")
+    ioc = os.path.basename(program)
+    dbd = os.path.join(top, "dbd", ioc + ".dbd")
     if not os.path.exists(dbd):
         raise Refused("is not there: it belongs to %s" % program, Place(dbd))
     with open(os.path.join(folder, "probes.db"), "w") as f:
@@ -401,10 +428,10 @@ def _script(map_, folder, program, name):
                 ' }\n' % (PROBES, map_.plc["name"], PROBES, map_.plc["name"]))
     path = os.path.join(folder, "prove.cmd")
     with open(path, "w") as f:
-        f.write('dbLoadDatabase("%s")\ns7plcIoc_registerRecordDeviceDriver pdbbase\n< %s.cmd\n'
+        f.write('dbLoadDatabase("%s")\n%s_registerRecordDeviceDriver pdbbase\n< %s.cmd\n'
                 's7plcSetOption "%s" sendInterval %d\ns7plcSetOption "%s" readPeriod 100\n'
                 'dbLoadRecords("probes.db")\niocInit\n'
-                % (dbd, name, map_.plc["name"], QUICK, map_.plc["name"]))
+                % (dbd, ioc, name, map_.plc["name"], QUICK, map_.plc["name"]))
     return path
 
 
@@ -412,7 +439,8 @@ def _environment(map_, sim):
     who = re.sub(r"\W", "_", map_.plc["name"])
     env = dict(os.environ)
     ca_port, pva_port = free_ports(2)
-    env.update({who + "_ADDRESS": "127.0.0.1", who + "_PORT": str(sim.port or sim.modbus or 0),
+    env.update({who + "_ADDRESS": sim.addresses[0], who + "_SECOND": sim.addresses[-1],
+                who + "_PORT": str(sim.port or sim.modbus or 0),
                 who + "_MODBUS_PORT": str(sim.modbus or 0), "MAPDIR": ".",
                 "EPICS_CAS_INTF_ADDR_LIST": "127.0.0.1", "EPICS_CAS_AUTO_BEACON_ADDR_LIST": "NO",
                 "EPICS_CAS_BEACON_ADDR_LIST": "127.0.0.1",
@@ -422,15 +450,15 @@ def _environment(map_, sim):
                 "IOCSH_HISTEDIT_DISABLE": "1"})
     if map_.plc["wire"] == "modbus":
         env[who + "_PORT"] = str(sim.modbus)
+    if map_.plc["wire"] == "etherip":
+        env[who + "_ADDRESS"] = "127.0.0.1:%d" % sim.port
     return env
 
 
 def prove(map_, args, simulator=Simulator):
     """True when all values agree. Prints what does not, and how many were compared.
     simulator: what plays the PLC, made from program, file and folder."""
-    if map_.plc["wire"] == "etherip":
-        raise Refused("prove needs blocks or Modbus: plcSim does not speak EtherNet/IP")
-    sim_program, ioc_program = _programs(args)
+    sim_program, ioc_program = _programs(args, bool(map_.plc["second"]))
     folder = args.keep or tempfile.mkdtemp(prefix="plcmap-")
     os.makedirs(folder, exist_ok=True)
     sim = ioc = None
@@ -445,11 +473,7 @@ def prove(map_, args, simulator=Simulator):
         ioc = Shell(ioc_program, script, folder, _environment(map_, sim))
         proof = Proof(map_, args)
         proof.wait_blocks(ioc)
-        rounds = max([len(v) for _, _, v in proof.cases] or [0])
-        for number in range(rounds):
-            proof.from_plc(ioc, sim, number)
-        for number in range(max([len(v) for l, _, v in proof.cases if l.dir != "in"] or [0])):
-            proof.to_plc(ioc, sim, number)
+        rounds = proof.run(ioc, sim)
     finally:
         for process in (ioc, sim):
             if process is not None:

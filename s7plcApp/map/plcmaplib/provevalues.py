@@ -3,6 +3,7 @@ Pure: no process, no file."""
 import math
 import struct
 
+from . import tags
 from .check import RANGES
 from .outputs.records import kind_of
 from .types import Array, Text
@@ -120,7 +121,8 @@ def _byte_put(row):
 
 def _bits(leaf, number):
     """In rounds 0-7 each bit of a byte alone, in 8-15 all but it, then a code of its own."""
-    bit = (leaf.tx or leaf.rx)[1]
+    place = leaf.tx or leaf.rx
+    bit = (tags.place(leaf)[1] or 0) % 8 if place is None else place[1]
     pattern = [int(bit == r) for r in range(8)] + [int(bit != r) for r in range(8)]
     pattern += [number >> r & 1 for r in range(14)]
     states = leaf.shown.states

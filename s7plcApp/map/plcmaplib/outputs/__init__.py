@@ -4,7 +4,7 @@ import os
 from ..problems import Place, Refused
 from ..sheets import write_bytes
 from ..transfer import layout_crc, layout_id
-from . import database, display, lists, manual, pointers, scl, simulator, st, tia
+from . import controller, database, display, lists, manual, pointers, scl, simulator, st, tia
 
 MARK = "Made from the map by plcmap; edits are lost."
 
@@ -32,6 +32,8 @@ def contents(map_):
     if map_.has_blocks():
         files[name + ".svg"] = manual.picture(map_, xml) + "\n"
         files[name + ".plc"] = simulator.simulator(map_, shell, crc)
+    else:
+        files[name + ".plc"] = controller.controller(map_, shell)
     files.update(display.displays(map_, name, xml))
     if map_.plc["wire"] in ("block", "block-modbus"):
         files.update(_plc_code(map_, name, st_, crc))

@@ -110,9 +110,13 @@ def station(map_, name, head, crc, substitutions):
              'epicsEnvSet EPICS_DB_INCLUDE_PATH, "$(EPICS_DB_INCLUDE_PATH=.):$(MAPDIR=.)"']
     if plc["wire"] in ("block", "block-modbus"):
         quiet = plc["recvtimeout"] or str(max(2000, 20 * int(plc["period"])))
-        lines.append("s7plcConfigure(%s, %s, $(%s_PORT=%s), %d, %d, %d, %s, %s)" % (
-            quoted(plc["name"]), address, who, plc["port"] or "2000", sizes[0], sizes[1], order,
-            quiet, plc["sendinterval"] or plc["period"]))
+        command, end = "s7plcConfigure", ""
+        if plc["second"]:
+            command, end = "phoenixplcConfigure", ", 1"
+            address = '%s,$(%s_SECOND=%s)"' % (address[:-1], who, plc["second"])
+        lines.append("%s(%s, %s, $(%s_PORT=%s), %d, %d, %d, %s, %s%s)" % (
+            command, quoted(plc["name"]), address, who, plc["port"] or "2000", sizes[0], sizes[1],
+            order, quiet, plc["sendinterval"] or plc["period"], end))
     if plc["wire"] == "block-modbus" and sizes[1]:
         lines.append('s7plcModbusOutput(%s, "", $(%s_MODBUS_PORT=502), %s, %s)' % (
             quoted(plc["name"]), who, plc["unit"], plc["out_register"]))

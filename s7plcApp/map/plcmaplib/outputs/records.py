@@ -132,7 +132,8 @@ def records(map_, leaf, name=None, base=None, desc=None):
         made.append(_record(map_, leaf, inputs, name, "tx", base, desc))
         return made
     made.append(_record(map_, leaf, outputs, name, "rx", base, desc))
-    if leaf.dir == "out" and leaf.tx is not None and map_.plc["rbv"] != "-":
+    shown = leaf.tx is not None or not map_.has_blocks()
+    if leaf.dir == "out" and shown and map_.plc["rbv"] != "-":
         made.append(_record(map_, leaf, inputs, name + map_.plc["rbv"], "tx", base, desc, True))
     return made
 
@@ -144,7 +145,7 @@ def _record(map_, leaf, type_, name, side, base, desc, readback=False):
     record.add("DESC", desc if desc is not None else leaf.desc())
     record.add("DTYP", "EtherIP" if map_.plc["wire"] == "etherip" else "S7plc")
     text = link(map_, leaf, side, base)
-    if map_.plc["wire"] == "etherip" and not output:
+    if map_.plc["wire"] == "etherip":
         text += " S %g" % (int(map_.plc["period"]) / 1000)
     record.add("OUT" if output else "INP", text)
     if not output:
@@ -180,9 +181,7 @@ def _value_fields(map_, record, leaf, output):
     if type_ in ("waveform", "aao"):
         _array_fields(record, kind)
     if type_ in ("ai", "ao") and shown.raw is not None:
-        record.add("LINR", "LINEAR")
-        record.add("EGUL", number_text(shown.eng[0]))
-        record.add("EGUF", number_text(shown.eng[1]))
+        _scale(map_, record, shown)
     if type_ in ("lsi", "lso"):
         record.add("SIZV", (kind.count() if isinstance(kind, Array) else kind.length) + 1)
     if type_ in ("bi", "bo"):
@@ -198,6 +197,19 @@ def _value_fields(map_, record, leaf, output):
             record.add(prefix + "VL", state.value & (1 << 8 * kind.size) - 1)
             record.add(prefix + "ST", state.text)
             record.add(prefix + "SV", state.severity)
+
+
+def _scale(map_, record, shown):
+    """From raw to units. Links of EtherNet/IP have no raw range: there by slope and offset."""
+    if map_.has_blocks():
+        record.add("LINR", "LINEAR")
+        record.add("EGUL", number_text(shown.eng[0]))
+        record.add("EGUF", number_text(shown.eng[1]))
+        return
+    slope = (shown.eng[1] - shown.eng[0]) / (shown.raw[1] - shown.raw[0])
+    record.add("LINR", "SLOPE")
+    record.add("ESLO", number_text(slope))
+    record.add("EOFF", number_text(shown.eng[0] - slope * shown.raw[0]))
 
 
 def _array_fields(record, kind):

@@ -118,13 +118,13 @@ def _single(side, leaf, memory, block):
 
 def simulator(map_, head, crc):
     """Text of the file."""
-    if not map_.has_blocks():
-        return None
     plc = map_.plc
     memory = Memory(map_)
     wire = plc["wire"]
     sizes = map_.block_size("tx"), map_.block_size("rx")
     lines = [head, "name      = %s" % quoted(plc["name"])]
+    if plc["second"]:  # FIRST is 127.0.0.2, SECOND 127.0.0.3
+        lines += ["role      = pair", "address   = 127.0.0.2"]
     if wire != "modbus":
         lines += ["port      = %s" % (plc["port"] or "2000"), "in        = %d" % sizes[0]]
         if wire == "block":
