@@ -107,7 +107,7 @@ class DelayProxy:
                     while not pieces:
                         more.wait()
                     due, data = pieces.pop(0)
-                time.sleep(max(0, due - time.monotonic()))
+                time.sleep(max(0, due - time.monotonic()))  # the delay of this line
                 try:
                     if data:
                         sink.sendall(data)

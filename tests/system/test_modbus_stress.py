@@ -65,7 +65,7 @@ class Trouble:
             return frame
         dice = self.chance.random()
         if dice < 0.05:
-            time.sleep(self.chance.random() * 0.01)
+            time.sleep(self.chance.random() * 0.01)  # a late answer
         elif dice < 0.10:
             return frame + frame
         elif dice < 0.14:

@@ -99,7 +99,7 @@ class Watch:
         while time.monotonic() < end:
             self.look()
             what()
-            time.sleep(0.05)
+            time.sleep(0.05)  # the pace of the looks
 
     def check(self):
         """Nobody waited, nothing grew. Prints the figures."""

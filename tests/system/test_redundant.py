@@ -496,7 +496,7 @@ def test_random_episodes(field, record, capsys):
             plant.pull(victim)
             ioc.put(f"A:out{n % PUTS}", 1000 + n)
             if act == "glitch":
-                time.sleep(dice.random() * 0.4)
+                time.sleep(dice.random() * 0.4)  # how long the cable is out
             elif act == "pull":
                 until(lambda: primary(halves) == 1 - victim, lambda: both(halves), 10)
             else:

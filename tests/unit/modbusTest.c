@@ -128,7 +128,7 @@ static void dribble(int fd, const epicsUInt8 *a, int n)
     for (i = 0; i < n; i++) {
         if (toolSend(fd, a + i, 1))
             return;
-        epicsThreadSleep(0.2);
+        epicsThreadSleep(0.2); /* a PLC this slow */
     }
 }
 
@@ -1337,7 +1337,7 @@ static void testOrderInRest(void)
     for (i = 0; i < 10; i++) {
         putRegister(w, i, 0xabc0 + i);
         sendOrders(w);
-        epicsThreadSleep(0.001);
+        epicsThreadSleep(0.001); /* the pace of the writer */
     }
     UNTIL(w, plcRegister(p, 29) == 0xabc9);
     testOk(plcRegister(p, 29) == 0xabc9 && plcRegister(p, 20) == 0xabc0,

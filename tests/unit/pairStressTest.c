@@ -46,6 +46,7 @@ static unsigned randomBelow(unsigned n)
     return (unsigned)(state >> 33) % n;
 }
 
+/* The time until the next accident. */
 static void aWhile(void)
 {
     epicsThreadSleep(randomBelow(12) * 1e-3);

@@ -17,6 +17,7 @@
 
 #include "plcBlocks.h"
 #include "recordTest.h"
+#include "testTools.h"
 
 #define BLOCK 64
 
@@ -370,10 +371,7 @@ static void testReturn(void)
 
 static void waitText(const char *pv, const char *text)
 {
-    int tries = 0;
-
-    while (strcmp(get(pv), text) && tries++ < 20000)
-        epicsThreadSleep(0.001);
+    WAIT_FOR(strcmp(get(pv), text) == 0);
 }
 
 static void testOff(void)
@@ -536,7 +534,7 @@ static int holdUp(plcStation *s, const char *record, SOCKET plc)
     for (tries = 0; tries < 100; tries++) {
         dbScanLock(prec);
         send(plc, (const char *)block, BLOCK, 0);
-        epicsThreadSleep(0.04);
+        epicsThreadSleep(0.04); /* so long is the record busy */
         dbScanUnlock(prec);
         if (reportHas(s, "in callback threads, since they held the PLC's own up for "))
             return 1;
@@ -553,7 +551,6 @@ static void testHeldUp(void)
     unsigned short port;
     unsigned i, held = 0;
     char link[40];
-    int tries;
 
     iocBegin();
     for (i = 0; i < COUNT(names); i++) {
@@ -570,11 +567,7 @@ static void testHeldUp(void)
     for (i = 0; i < COUNT(names); i++)
         held += holdUp(station[i], names[i], plc[i]);
     testOk(held == COUNT(names), "records hold up %u PLCs: the report says so for each", held);
-    for (tries = 0; !said && tries < 20000; tries++) {
-        said = strstr(messages(), "thread waited for them");
-        if (!said)
-            epicsThreadSleep(0.001);
-    }
+    WAIT_FOR((said = strstr(messages(), "thread waited for them")));
     testOk(said && !strstr(said + 1, "thread waited for them"), "the log does for one of them");
     for (i = 0; i < COUNT(names); i++) {
         epicsSocketDestroy(server[i]);

@@ -16,6 +16,7 @@
 #include <testMain.h>
 
 #include "plcScan.h"
+#include "testTools.h"
 
 #include <epicsExport.h>
 
@@ -575,8 +576,8 @@ static void testJoin(void)
     testdbPutFieldOk("all:medium.SCAN", DBR_STRING, "I/O Intr");
     testdbPutFieldOk("all:high.SCAN", DBR_STRING, "I/O Intr");
     testOk(plcScanCount(all.scan) == 5, "all records join again");
-    while (plcScanBusy(all.scan))
-        epicsThreadSleep(0.001);
+    WAIT_FOR(!plcScanBusy(all.scan));
+    testOk(!plcScanBusy(all.scan), "what their joining has asked for ends");
 }
 
 /* With a group for each range only the one that joins needs a pass: its bytes may stand
@@ -779,7 +780,7 @@ static void testHere(void)
 static void openSoon(void *ended)
 {
     epicsEventMustWait(gateReached);
-    epicsThreadSleep(0.03);
+    epicsThreadSleep(0.03); /* so long does the record hold the thread */
     openGate();
     epicsEventMustTrigger(ended);
 }
@@ -914,7 +915,7 @@ static void stopIoc(void)
 
 MAIN(scanTest)
 {
-    testPlan(2 + 2 + 8 + 8 + 17 + 9 + 9 + 2 + 23 + 17 + 10 + 1 + 13 + 8 + 3 + 3 + 4 + 1);
+    testPlan(2 + 2 + 8 + 8 + 17 + 9 + 9 + 2 + 24 + 17 + 10 + 1 + 13 + 8 + 3 + 3 + 4 + 1);
     startIoc();
     testBeforeInit();
     eltc(0); /* no messages of full queues */

@@ -371,6 +371,7 @@ static void testOutOfStep(void)
     testOk(blockArrives(s, fd, 1), "and all is well again");
     set(s, "recvTimeout", "1000");
     slip(s, fd, -1);
+    /* 20 ms: the PLC's period */
     WAIT_FOR(stats(s).doubts > 1 || (epicsThreadSleep(0.02), sendBlock(fd, 9), 0));
     doubts = stats(s).doubts;
     WAIT_FOR(stats(s).outOfStep == 2 && value(s) == -1);

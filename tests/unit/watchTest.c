@@ -3,7 +3,6 @@
 #include <epicsEvent.h>
 #include <epicsMutex.h>
 #include <epicsThread.h>
-#include <epicsTime.h>
 #include <epicsUnitTest.h>
 #include <testMain.h>
 
@@ -16,6 +15,7 @@
 #define NOBODY "240.0.0.1"
 
 static epicsMutexId lock;
+static epicsEventId told; /* there is news */
 static int last[PLC_LINES_MAX];       /* -2: no news yet */
 static unsigned count[PLC_LINES_MAX]; /* of news */
 
@@ -25,6 +25,7 @@ static void news(void *pvt, unsigned which, int answers)
     last[which] = answers;
     count[which]++;
     epicsMutexUnlock(lock);
+    epicsEventMustTrigger(told);
 }
 
 static void forget(void)
@@ -42,16 +43,17 @@ static void forget(void)
 /* Waits for news about this host; 20 s at most. */
 static int waitFor(unsigned which, int answers)
 {
-    epicsUInt64 until = epicsMonotonicGet() + 20000000000ull;
+    epicsEventStatus waited = epicsEventOK;
     int now;
 
-    do {
-        epicsThreadSleep(0.002);
+    for (;;) {
         epicsMutexMustLock(lock);
         now = last[which];
         epicsMutexUnlock(lock);
-    } while (now != answers && epicsMonotonicGet() < until);
-    return now == answers;
+        if (now == answers || waited != epicsEventOK)
+            return now == answers;
+        waited = epicsEventWaitWithTimeout(told, 20);
+    }
 }
 
 static unsigned countOf(unsigned which)
@@ -190,6 +192,7 @@ MAIN(watchTest)
 
     testPlan(20);
     lock = epicsMutexMustCreate();
+    told = epicsEventMustCreate(epicsEventEmpty);
     for (i = 0; i < 3; i++)
         if (ways[i].can())
             testWay(ways[i].way, ways[i].name);
