@@ -42,7 +42,8 @@ static eipPlcSetup setupOf(void)
     eipPlcSetup setup = {.imageSize = EIP_image_size,
                          .room = eipUnconnectedRoom,
                          .size = eipSizeLarge,
-                         .connected = 1};
+                         .connected = 1,
+                         .instances = eipInstancesAuto};
 
     if (EIP_buffer_limit && EIP_buffer_limit < setup.room)
         setup.room = EIP_buffer_limit < 100 ? 100 : EIP_buffer_limit;
@@ -80,26 +81,50 @@ static int routeOf(const char *command, const char *name, const char *text, eipR
     return -1;
 }
 
+/* "image=65536" */
+static int isNumber(const char *word, const char *key, epicsUInt32 low, epicsUInt32 high,
+                    epicsUInt32 *number)
+{
+    size_t n = strlen(key);
+
+    return strncmp(word, key, n) == 0 && epicsParseUInt32(word + n, number, 10, NULL) == 0 &&
+           *number >= low && *number <= high && !strchr(word, '-');
+}
+
 /* One word of etheripConfigure's options. Returns 0, or -1 after the error line. */
 static int setupWord(const char *command, const char *name, const char *word,
                      eipPlcSetup *setup)
 {
+    static const struct {
+        const char *word;
+        int connected, instances; /* -1: stays */
+    } words[] = {{"connected=no", 0, -1},
+                 {"connected=auto", 1, -1},
+                 {"instances=no", -1, eipInstancesNo},
+                 {"instances=auto", -1, eipInstancesAuto},
+                 {"instances=always", -1, eipInstancesAlways}};
     epicsUInt32 number;
+    size_t i;
 
-    if (sscanf(word, "image=%u", &number) == 1 && number >= 64 && number <= imageSizeMax)
+    for (i = 0; i < sizeof(words) / sizeof(words[0]); i++)
+        if (strcmp(word, words[i].word) == 0) {
+            if (words[i].connected >= 0)
+                setup->connected = words[i].connected;
+            else
+                setup->instances = (eipInstances)words[i].instances;
+            return 0;
+        }
+    if (isNumber(word, "image=", 64, imageSizeMax, &number))
         setup->imageSize = number;
-    else if (strcmp(word, "connected=no") == 0)
-        setup->connected = 0;
-    else if (strcmp(word, "connected=auto") == 0)
-        setup->connected = 1;
-    else if (sscanf(word, "size=%u", &number) == 1 && number >= 100 && number <= 65535)
+    else if (isNumber(word, "size=", 100, 65535, &number))
         setup->size = number;
-    else if (sscanf(word, "buffer=%u", &number) == 1 && number >= 100 && number <= 1400)
+    else if (isNumber(word, "buffer=", 100, 1400, &number))
         setup->room = number;
     else {
         plcConfigureRefuse(command, name, "option \"%.40s\"; allowed: image=64 to 16777216, "
                            "size=100 to 65535 (bytes of a connection), buffer=100 to 1400 "
-                           "(bytes of a message without one), connected=auto or no", word);
+                           "(bytes of a message without one), connected=auto or no, "
+                           "instances=auto, no or always", word);
         return -1;
     }
     return 0;
@@ -497,7 +522,8 @@ static const struct {
         "Makes a PLC; slot -1: the address is that of the controller itself.\n"
         "  drvEtherIP_define_PLC plc1, 160.91.232.217, 0\n")}, defineCall},
     {{"etheripConfigure", 4, configureArgs USAGE(
-        "The same with a route and options: image=bytes size=bytes buffer=bytes connected=no\n"
+        "The same with a route and options: image=bytes size=bytes buffer=bytes connected=no "
+        "instances=no\n"
         "  etheripConfigure plc1, 10.0.0.4:44818, \"1,6,18,10.206.1.40,1,4\", image=262144\n")},
      configureCall},
     {{"drvEtherIP_default_rate", 1, rateArgs USAGE("Period of links without one.\n")}, rateCall},

@@ -118,9 +118,61 @@ int eipWorkerAsk(eipWorker *w, eipWriter *m, eipAnswer *answer)
     return 0;
 }
 
+/* --- Which program --------------------------------------------------------------------------- */
+
+static const unsigned programAttributes[] = {1, 2, 3, 4, 10};
+
+enum {
+    programClass = 0xac,
+    programCount = sizeof(programAttributes) / sizeof(programAttributes[0]),
+    programAsk = 2 + 4 + 2 + 2 * programCount /* bytes */
+};
+
+void eipProgramPut(eipWriter *m)
+{
+    epicsUInt8 path[12];
+    unsigned i;
+
+    eipRequestPut(m, eipGetAttributeList, path, eipObjectPath(path, programClass, 1, 0));
+    eipPut16(m, programCount);
+    for (i = 0; i < programCount; i++)
+        eipPut16(m, programAttributes[i]);
+}
+
+int eipProgramIs(const eipWorker *w, const eipAnswer *answer)
+{
+    return !answer->status && answer->length == w->programLength &&
+           memcmp(answer->data, w->program, answer->length) == 0;
+}
+
+unsigned eipProgramLoad(const eipWorker *w)
+{
+    unsigned answer = eipAnswerHead + (unsigned)w->programLength;
+
+    return eipMultipleEach + (answer > programAsk ? answer : programAsk);
+}
+
+/* Behind others in one message. Returns 1 when these count. One that did not fit any more says
+ * nothing: the message was too large. */
+static int isVerified(eipWorker *w, const eipAnswer *answer)
+{
+    if (eipProgramIs(w, answer))
+        return 1;
+    if (answer->status != eipPartial || w->limits.room <= 200) {
+        w->otherProgram = 1;
+        return 0;
+    }
+    w->limits.room -= eipProgramLoad(w);
+    eipWorkerNote(w, "answers of the PLC have %u bytes at most", w->limits.room);
+    eipPlansRenew(w);
+    return 0;
+}
+
+/* --- Several ---------------------------------------------------------------------------------- */
+
 /* The answers of several: only when all of them are sound does any count. take may ask on, so
- * request and answer are copied first. */
-static int takeMany(eipWorker *w, unsigned count, const eipAnswer *all,
+ * request and answer are copied first. The last one is `verifying`. */
+static int takeMany(eipWorker *w, unsigned count, int verifying, const eipAnswer *all,
                     void (*take)(eipWorker *w, unsigned i, const eipAnswer *answer,
                                  void *arg),
                     void *arg)
@@ -130,7 +182,7 @@ static int takeMany(eipWorker *w, unsigned count, const eipAnswer *all,
     eipAnswer local = *all, one;
     const epicsUInt8 *bytes;
     size_t length;
-    unsigned i;
+    unsigned good = count, i;
 
     memcpy(copy, all->data, all->length);
     local.data = copy;
@@ -142,7 +194,9 @@ static int takeMany(eipWorker *w, unsigned count, const eipAnswer *all,
         if (!bytes || eipAnswerTake(bytes, length, services[i], &one))
             strcpy(w->lost, "answer of several not understood");
     }
-    for (i = 0; i < count && !w->lost[0]; i++) {
+    if (verifying)
+        good = !w->lost[0] && isVerified(w, &one) ? count - 1 : 0;
+    for (i = 0; i < good && !w->lost[0]; i++) {
         bytes = eipMultipleTake(&local, count, i, &length);
         eipAnswerTake(bytes, length, services[i], &one);
         take(w, i, &one, arg);
@@ -151,23 +205,28 @@ static int takeMany(eipWorker *w, unsigned count, const eipAnswer *all,
     return w->lost[0] ? -1 : 0;
 }
 
-int eipWorkerAskMany(eipWorker *w, unsigned count, int always,
+int eipWorkerAskMany(eipWorker *w, unsigned count, eipAskHow how,
                      void (*put)(eipWorker *w, eipWriter *m, unsigned i, void *arg),
                      void (*take)(eipWorker *w, unsigned i, const eipAnswer *answer,
                                   void *arg),
                      void *arg)
 {
-    int several = count > 1 || (always && w->limits.multiple != 1);
+    int several = count > 1 || (how != eipAskPlain && w->limits.multiple != 1);
+    int verifying = several && how == eipAskVerified;
     eipWriter m = eipWorkerWriter(w);
     eipAnswer answer;
     unsigned i;
 
     if (several)
-        eipMultipleBegin(&m, count);
+        eipMultipleBegin(&m, count + (unsigned)verifying);
     for (i = 0; i < count; i++) {
         if (several)
             eipMultipleNext(&m, i);
         put(w, &m, i, arg);
+    }
+    if (verifying) {
+        eipMultipleNext(&m, count);
+        eipProgramPut(&m);
     }
     if (eipWorkerAsk(w, &m, &answer))
         return -1;
@@ -176,7 +235,7 @@ int eipWorkerAskMany(eipWorker *w, unsigned count, int always,
         return w->lost[0] ? -1 : 0;
     }
     if (answer.status == eipSuccess || answer.status == eipEmbedded)
-        return takeMany(w, count, &answer, take, arg);
+        return takeMany(w, count + (unsigned)verifying, verifying, &answer, take, arg);
     if (answer.status == eipNoService && w->limits.multiple != 1) {
         w->limits.multiple = 1;
         w->noMultiple = 1;

@@ -26,12 +26,21 @@ typedef struct eipIdentity {
     char name[33];
 } eipIdentity;
 
+/* May the number by which the PLC lists a tag stand for its name? After a download it may be
+ * that of another tag. */
+typedef enum {
+    eipInstancesNo,
+    eipInstancesAuto,  /* where the PLC tells with each answer that its program is the same */
+    eipInstancesAlways
+} eipInstances;
+
 typedef struct eipConnectOptions {
     eipRoute route;
     int connected;      /* 0: never open a connection */
     unsigned size;      /* of a connection at most, 100 to 65535 */
     unsigned room;      /* of a message without one */
     unsigned timeout;   /* ms for an answer from behind the route */
+    eipInstances instances; /* what they are used for is the worker's business */
 } eipConnectOptions;
 
 typedef enum {

@@ -14,7 +14,6 @@ enum {
     answerGuess = 24, /* bytes that an answer to a question for a type takes: a string takes
                        * more, and is asked for again alone */
     askMost = 400,    /* tags in one message */
-    programClass = 0xac,
     isSure = 2 /* a PLC that was silent that often, when it was asked for this */
 };
 
@@ -31,6 +30,7 @@ static void forget(eipWorker *w)
     epicsMutexMustLock(w->tagsLock);
     w->turn = NULL;
     eipTagsForget(&w->tags);
+    w->tags.byInstance = 0;
     epicsMutexUnlock(w->tagsLock);
     w->replan = 1;
     w->taught = 0;
@@ -44,6 +44,18 @@ void eipLearnBegin(eipWorker *w)
     forget(w);
     w->programLength = 0;
     w->programDue = 0;
+    w->programRefused = 0;
+    w->otherProgram = 0;
+}
+
+void eipLearnChanged(eipWorker *w)
+{
+    eipWorkerNote(w, "the program of the PLC has changed: tags are learned anew");
+    if (eipWorkerEnter(w)) {
+        w->state.programs++;
+        epicsMutexUnlock(w->lock);
+    }
+    eipLearnBegin(w);
 }
 
 static void putAsk(eipWorker *w, eipWriter *m, unsigned i, void *arg)
@@ -130,7 +142,7 @@ static void choose(eipWorker *w, epicsUInt64 now, epicsUInt64 *next, asked *a)
 
         if (!isDue(tag, now, next))
             continue;
-        size = eipMultipleEach + 4 + (unsigned)eipPathBytes(tag->base, tag->instance) +
+        size = eipMultipleEach + 4 + (unsigned)eipPathBytes(tag->base, 0) +
                (tag->indexed ? 2 : 0);
         if (a->count && (request + size > w->limits.room ||
                          answer + answerGuess + eipMultipleEach > w->limits.room))
@@ -152,7 +164,7 @@ static void taught(eipWorker *w)
     w->replan = 0;
     w->taught = 1;
     if (w->browser.stage == eipBrowseNot && w->noBrowse < isSure)
-        w->browser.stage = eipBrowseTags;
+        w->browser.stage = eipBrowseProgram;
 }
 
 int eipLearnStep(eipWorker *w, epicsUInt64 now, epicsUInt64 *next)
@@ -166,7 +178,7 @@ int eipLearnStep(eipWorker *w, epicsUInt64 now, epicsUInt64 *next)
     choose(w, now, next, a);
     status = 0;
     if (a->count) {
-        status = eipWorkerAskMany(w, a->count, 1, putAsk, takeAsk, a) ? -1 : 1;
+        status = eipWorkerAskMany(w, a->count, eipAskSeveral, putAsk, takeAsk, a) ? -1 : 1;
     } else if (w->replan || !w->taught) {
         taught(w);
         status = 1;
@@ -349,6 +361,14 @@ static void learnStrings(eipWorker *w)
     }
 }
 
+static int mayUseInstances(const eipWorker *w)
+{
+    eipInstances allowed = w->connect.options.instances;
+
+    return w->limits.multiple != 1 && (allowed == eipInstancesAlways ||
+                                       (allowed == eipInstancesAuto && w->programLength));
+}
+
 static int browseTemplates(eipWorker *w)
 {
     eipBrowser *b = &w->browser;
@@ -367,6 +387,7 @@ static int browseTemplates(eipWorker *w)
     if (status > 0 && b->stage == eipBrowseDone) {
         epicsMutexMustLock(w->tagsLock);
         learnStrings(w);
+        w->tags.byInstance = mayUseInstances(w);
         epicsMutexUnlock(w->tagsLock);
         eipBrowseEnd(w);
         w->replan = 1; /* instances and structures make other units */
@@ -376,39 +397,58 @@ static int browseTemplates(eipWorker *w)
 
 /* --- A new program ----------------------------------------------------------------------------- */
 
+/* Before the list is read, and when no read has shown for a while that the program is still the
+ * same. */
 static int lookAtProgram(eipWorker *w, epicsUInt64 now)
 {
-    static const unsigned attributes[] = {1, 2, 3, 4, 10};
     eipWriter m = eipWorkerWriter(w);
-    epicsUInt8 path[12];
     eipAnswer answer;
-    unsigned i;
 
-    eipRequestPut(&m, eipGetAttributeList, path, eipObjectPath(path, programClass, 1, 0));
-    eipPut16(&m, 5);
-    for (i = 0; i < 5; i++)
-        eipPut16(&m, attributes[i]);
+    eipProgramPut(&m);
     w->asking = eipAskProgram;
     if (eipWorkerAsk(w, &m, &answer))
         return -1;
     w->programDue = now + (epicsUInt64)w->now.relearn * EIP_NS_PER_MS;
-    if (answer.status || answer.length > sizeof(w->program)) {
-        w->noProgram = isSure;
-        return 1;
+    if (w->programLength && !eipProgramIs(w, &answer)) {
+        eipLearnChanged(w);
+    } else if (answer.status || answer.length > sizeof(w->program) || !answer.length) {
+        w->programRefused = 1;
+    } else {
+        memcpy(w->program, answer.data, answer.length);
+        w->programLength = answer.length;
+        w->hadProgram = 1;
     }
-    if (w->programLength && (w->programLength != answer.length ||
-                             memcmp(w->program, answer.data, answer.length))) {
-        eipWorkerNote(w, "the program of the PLC has changed: tags are learned anew");
-        if (eipWorkerEnter(w)) {
-            w->state.programs++;
-            epicsMutexUnlock(w->lock);
-        }
-        forget(w);
-    }
-    memcpy(w->program, answer.data, answer.length);
-    w->programLength = answer.length;
     if (eipWorkerEnter(w))
         eipWorkerTell(w); /* counters, where nothing else is told */
+    return 1;
+}
+
+/* Which program is it that will be listed? A PLC that has told once tells again, after a
+ * download, say. */
+static int browseProgram(eipWorker *w, epicsUInt64 now)
+{
+    int status = w->noProgram >= isSure || w->programRefused ? 1 : lookAtProgram(w, now);
+
+    if (status > 0 && w->browser.stage == eipBrowseProgram)
+        w->browser.stage = eipBrowseTags;
+    return status;
+}
+
+/* All is known: is it still so? */
+static int browseAgain(eipWorker *w, epicsUInt64 now, epicsUInt64 *next)
+{
+    if (!w->now.relearn || w->noProgram >= isSure || w->noBrowse >= isSure ||
+        (w->programRefused && !w->hadProgram))
+        return 0;
+    if (now < w->programDue) {
+        if (w->programDue < *next)
+            *next = w->programDue;
+        return 0;
+    }
+    if (w->programLength)
+        return lookAtProgram(w, now);
+    w->programRefused = 0;
+    w->browser.stage = eipBrowseProgram;
     return 1;
 }
 
@@ -419,19 +459,14 @@ int eipBrowseStep(eipWorker *w, epicsUInt64 now, epicsUInt64 *next)
     if (w->noBrowse >= isSure)
         w->browser.stage = eipBrowseDone;
     switch (w->browser.stage) {
+    case eipBrowseProgram:
+        return browseProgram(w, now);
     case eipBrowseTags:
     case eipBrowsePrograms:
         return browseList(w);
     case eipBrowseTemplates:
         return browseTemplates(w);
     default:
-        break;
+        return browseAgain(w, now, next);
     }
-    if (!w->now.relearn || w->noProgram >= isSure || w->noBrowse >= isSure)
-        return 0;
-    if (now >= w->programDue)
-        return lookAtProgram(w, now);
-    if (w->programDue < *next)
-        *next = w->programDue;
-    return 0;
 }

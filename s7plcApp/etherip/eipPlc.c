@@ -174,9 +174,10 @@ static void report(void *pvt, const char *where, const char *state, const plcSta
                 s.identity.name, s.identity.major, s.identity.minor, s.identity.vendor,
                 s.identity.serial);
     fprintf(file, "    %u tags, %u known, %u refused, read in %u parts by %u requests; "
-            "%lu of %lu bytes in use; %llu turns late\n", s.tags, s.known, s.bad, s.units,
+            "%lu of %lu bytes in use; %llu turns late, %llu new programs\n", s.tags, s.known, s.bad, s.units,
             s.requests, (unsigned long)eipPlacesUsed(plc->places),
-            (unsigned long)plcStationInSize(plc->station), (unsigned long long)s.late);
+            (unsigned long)plcStationInSize(plc->station), (unsigned long long)s.late,
+            (unsigned long long)s.programs);
 }
 
 const plcTransport eipTransport = {
@@ -232,7 +233,7 @@ eipPlc *eipPlcCreate(const char *command, const char *name, const char *address,
     plc = callocMustSucceed(1, sizeof(*plc), "etherip");
     epicsSnprintf(plc->name, sizeof(plc->name), "%s", name);
     plc->connect = (eipConnectOptions){setup->route, setup->connected, setup->size, setup->room,
-                                       5000};
+                                       5000, setup->instances};
     plc->places = eipPlacesCreate(setup->imageSize);
     config.address[0] = host;
     config.port = port;

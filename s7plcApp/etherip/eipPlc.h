@@ -38,6 +38,7 @@ typedef struct eipPlcSetup {
     unsigned room;    /* bytes of an unconnected message */
     unsigned size;    /* bytes of a connection at most */
     int connected;    /* 0: never open a connection */
+    eipInstances instances;
 } eipPlcSetup;
 
 /* Makes a PLC and its station. `host` is host[:port]. Returns NULL after one error line, which

@@ -44,6 +44,25 @@ void eipReadsBegin(eipWorker *w)
         w->classes[i].due = 0;
 }
 
+/* Instances are good only with the answer to the question for the program. */
+static int isVerifying(const eipWorker *w)
+{
+    return w->tags.byInstance && w->programLength;
+}
+
+/* What a message has room for, beside that question. */
+static eipLimits planLimits(const eipWorker *w)
+{
+    eipLimits limits = w->limits;
+
+    if (!isVerifying(w))
+        return limits;
+    limits.room -= eipProgramLoad(w);
+    if (limits.multiple > 1)
+        limits.multiple--;
+    return limits;
+}
+
 /* The messages for all units of these classes. */
 static eipReadPlan *makePlan(eipWorker *w, epicsUInt64 classes)
 {
@@ -52,6 +71,7 @@ static eipReadPlan *makePlan(eipWorker *w, epicsUInt64 classes)
     eipLoad *loads = callocMustSucceed(t->unitCount + 1, sizeof(*loads), "etherip");
     unsigned *units = callocMustSucceed(t->unitCount + 1, sizeof(*units), "etherip");
     unsigned *bins = callocMustSucceed(t->unitCount + 1, sizeof(*bins), "etherip");
+    eipLimits limits = planLimits(w);
     unsigned n = 0, i;
 
     if (w->planNext < w->planCount) {
@@ -63,11 +83,11 @@ static eipReadPlan *makePlan(eipWorker *w, epicsUInt64 classes)
     w->planNext = (w->planNext + 1) % eipPlansMax;
     for (i = 0; i < t->unitCount; i++)
         if (classes >> classOf(w, t->units[i].period) & 1) {
-            loads[n] = eipUnitLoad(t, &t->units[i]);
+            loads[n] = eipUnitLoad(t, &t->units[i], t->byInstance);
             units[n++] = i;
         }
     plan->classes = classes;
-    plan->messages = eipPack(loads, n, &w->limits, 0, bins);
+    plan->messages = eipPack(loads, n, &limits, 0, bins);
     plan->units = callocMustSucceed(n + 1, sizeof(*units), "etherip");
     plan->ends = callocMustSucceed(plan->messages + 1, sizeof(*units), "etherip");
     for (i = 0; i < n; i++)
@@ -263,7 +283,7 @@ static void refused(eipWorker *w, unsigned number, const eipAnswer *answer)
     int isEnd = answer->status == eipGeneral && answer->extended == eipExtEnd;
     int isUnknown = answer->status == eipPathSegment || answer->status == eipPathUnknown;
     /* Some say of an element beyond the end what they say of a tag that is not there. */
-    int isElement = isUnknown && !tag->instance && (u->first > 0 || u->pieces > 1);
+    int isElement = isUnknown && (u->first > 0 || u->pieces > 1);
     int split;
     char reason[PLC_REASON_SIZE];
 
@@ -314,7 +334,7 @@ static void putFragment(eipWorker *w, const eipUnit *u, size_t from, eipAnswer *
 {
     eipWriter m = eipWorkerWriter(w);
 
-    eipUnitPut(&m, &w->tags, u, from ? (long)from : -1);
+    eipUnitPut(&m, &w->tags, u, 0, from ? (long)from : -1);
     *status = eipWorkerAsk(w, &m, answer);
 }
 
@@ -359,7 +379,7 @@ int eipReadWhole(eipWorker *w, const eipUnit *u, size_t from, eipAnswer *answer,
 /* The answer did not fit: the message was planned too large. */
 static void learnRoom(eipWorker *w, const eipUnit *u, const eipAnswer *answer)
 {
-    unsigned planned = eipUnitLoad(&w->tags, u).answer;
+    unsigned planned = eipUnitLoad(&w->tags, u, 0).answer;
     unsigned got = eipAnswerHead + (unsigned)answer->length;
     unsigned less = planned > got ? planned - got : 0;
 
@@ -372,11 +392,19 @@ static void learnRoom(eipWorker *w, const eipUnit *u, const eipAnswer *answer)
 
 /* --- Messages --------------------------------------------------------------------------------- */
 
+/* One goes by its name; several by their instances. */
 static void putUnit(eipWorker *w, eipWriter *m, unsigned i, void *arg)
 {
     const unsigned *units = arg;
 
-    eipUnitPut(m, &w->tags, &w->tags.units[units[i]], -1);
+    eipUnitPut(m, &w->tags, &w->tags.units[units[i]], 0, -1);
+}
+
+static void putByInstance(eipWorker *w, eipWriter *m, unsigned i, void *arg)
+{
+    const unsigned *units = arg;
+
+    eipUnitPut(m, &w->tags, &w->tags.units[units[i]], 1, -1);
 }
 
 static void takeUnit(eipWorker *w, unsigned i, const eipAnswer *answer, void *arg)
@@ -413,14 +441,18 @@ static int sendMessage(eipWorker *w)
     for (i = 0; i < count; i++)
         units[i] = plan->units[from + i];
     w->turnMessage++;
-    load = eipUnitLoad(&w->tags, &w->tags.units[units[0]]);
+    load = eipUnitLoad(&w->tags, &w->tags.units[units[0]], 0);
     if (count == 1 && !eipFitsAlone(&load, &w->limits)) {
         copy = w->tags.units[units[0]];
         status = eipReadWhole(w, &copy, 0, &answer, &data);
         if (!status)
             takeData(w, units[0], &answer, &data);
+    } else if (count == 1 || !w->tags.byInstance) {
+        status = eipWorkerAskMany(w, count, eipAskPlain, putUnit, takeUnit, units);
     } else {
-        status = eipWorkerAskMany(w, count, 0, putUnit, takeUnit, units);
+        status = eipWorkerAskMany(w, count, isVerifying(w) ? eipAskVerified : eipAskPlain,
+                                  putByInstance, takeUnit, units);
+        w->programDue = epicsMonotonicGet() + (epicsUInt64)w->now.relearn * EIP_NS_PER_MS;
     }
     free(units);
     return status || w->lost[0] ? -1 : 1;
@@ -451,7 +483,7 @@ int eipReadsStep(eipWorker *w, epicsUInt64 now, epicsUInt64 *next)
     }
     if (w->turnMessage < w->turn->messages && sendMessage(w) < 0)
         return -1;
-    if (!w->turn) /* the plan is void: the turn begins anew */
+    if (!w->turn || w->otherProgram) /* the plan is void: the turn begins anew */
         return 1;
     if (w->turnMessage >= w->turn->messages) {
         int again = w->replan == 2;

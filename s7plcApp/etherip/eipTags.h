@@ -100,6 +100,7 @@ typedef struct eipTags {
     unsigned unknown; /* tags that are new */
     eipTemplates *templates;
     int omron;      /* an array is asked for as one element */
+    int byInstance; /* several in one message go by their instances, not by name */
 } eipTags;
 
 void eipTagsInit(eipTags *t);
@@ -127,17 +128,18 @@ void eipUnitsMake(eipTags *t);
 /* A unit of several pieces was refused: two take its place. Returns 0 when it has but one. */
 int eipUnitSplit(eipTags *t, unsigned unit);
 
-/* The bytes of the service that reads it, and of its answer. */
-eipLoad eipUnitLoad(const eipTags *t, const eipUnit *u);
+/* The bytes of the service that reads it, and of its answer; by its instance, where that is
+ * known, or by its name. */
+eipLoad eipUnitLoad(const eipTags *t, const eipUnit *u, int byInstance);
 
 /* Puts this service. `fragment`: read from this offset on, -1: in one piece. */
-void eipUnitPut(eipWriter *w, const eipTags *t, const eipUnit *u, long fragment);
+void eipUnitPut(eipWriter *w, const eipTags *t, const eipUnit *u, int byInstance, long fragment);
 
-/* Puts the path of elements of a tag, from `index` on; by its name, for writes: after a download
- * an instance may be another tag. */
+/* Puts the path of elements of a tag, from `index` on, by its name: after a download an instance
+ * may be another tag. */
 void eipTagPathPut(eipWriter *w, const eipTag *tag, epicsUInt32 index, int service);
 
-/* Puts the question for its type: one element. */
+/* Puts the question for its type: one element, by its name. */
 void eipTagAskPut(eipWriter *w, const eipTag *tag);
 
 /* What an answer to a read begins with. */

@@ -382,7 +382,7 @@ void eipTagPathPut(eipWriter *w, const eipTag *tag, epicsUInt32 index, int servi
 
 void eipTagAskPut(eipWriter *w, const eipTag *tag)
 {
-    putPath(w, tag->base, tag->instance, 0, tag->indexed, eipReadTag);
+    putPath(w, tag->base, 0, 0, tag->indexed, eipReadTag);
     eipPut16(w, 1);
 }
 
@@ -392,18 +392,19 @@ static int asOne(const eipTags *t, const eipUnit *u)
     return t->omron && !u->whole && u->count > 1;
 }
 
-void eipUnitPut(eipWriter *w, const eipTags *t, const eipUnit *u, long fragment)
+void eipUnitPut(eipWriter *w, const eipTags *t, const eipUnit *u, int byInstance, long fragment)
 {
     const eipTag *tag = &t->tags[u->tag];
 
-    putPath(w, u->whole ? u->whole : tag->base, tag->instance, asOne(t, u) ? 0 : u->first,
-            !u->whole && tag->indexed, fragment < 0 ? eipReadTag : eipReadFragment);
+    putPath(w, u->whole ? u->whole : tag->base, byInstance ? tag->instance : 0,
+            asOne(t, u) ? 0 : u->first, !u->whole && tag->indexed,
+            fragment < 0 ? eipReadTag : eipReadFragment);
     eipPut16(w, asOne(t, u) ? 1 : u->count);
     if (fragment >= 0)
         eipPut32(w, (epicsUInt32)fragment);
 }
 
-eipLoad eipUnitLoad(const eipTags *t, const eipUnit *u)
+eipLoad eipUnitLoad(const eipTags *t, const eipUnit *u, int byInstance)
 {
     const eipTag *tag = &t->tags[u->tag];
     int structure = u->whole || tag->code == eipStructureCode;
@@ -413,7 +414,8 @@ eipLoad eipUnitLoad(const eipTags *t, const eipUnit *u)
     if (asOne(t, u) && tag->elements > u->count)
         data = (epicsUInt64)tag->elements * u->size;
     load.request = serviceHead + countBytes +
-                   (unsigned)eipPathBytes(u->whole ? u->whole : tag->base, tag->instance) +
+                   (unsigned)eipPathBytes(u->whole ? u->whole : tag->base,
+                                          byInstance ? tag->instance : 0) +
                    ((u->first || (tag->indexed && !u->whole)) && !asOne(t, u)
                         ? (unsigned)eipIndexBytes(u->first)
                         : 0);

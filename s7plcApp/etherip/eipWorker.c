@@ -417,7 +417,7 @@ static void takeOrders(eipWorker *w)
         cantProceed("etherip: no memory for %u tags\n", count);
     epicsMutexUnlock(w->tagsLock);
     eipWritesBegin(w);
-    w->browser.stage = w->browser.stage == eipBrowseNot ? eipBrowseNot : eipBrowseTags;
+    w->browser.stage = w->browser.stage == eipBrowseNot ? eipBrowseNot : eipBrowseProgram;
     eipBrowseEnd(w);
     w->replan = 1;
 }
@@ -445,7 +445,9 @@ static int readsStep(eipWorker *w, epicsUInt64 now, epicsUInt64 *next)
 {
     int status = eipReadsStep(w, now, next);
 
-    if (w->relearn)
+    if (w->otherProgram)
+        eipLearnChanged(w);
+    else if (w->relearn)
         eipLearnBegin(w);
     w->relearn = 0;
     return status;

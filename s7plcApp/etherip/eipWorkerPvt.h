@@ -51,6 +51,7 @@ typedef struct eipPlaced {
 /* How far the list of tags and the templates are. */
 typedef enum {
     eipBrowseNot,
+    eipBrowseProgram,   /* which one is it; before its list */
     eipBrowseTags,      /* of the controller */
     eipBrowsePrograms,
     eipBrowseTemplates,
@@ -133,8 +134,11 @@ struct eipWorker {
     epicsUInt64 epoch;           /* ns: due times count from here */
     epicsUInt64 lastAsk;         /* ns: keeps the connection alive */
     epicsUInt64 programDue;      /* ns: to look whether the program changed */
-    epicsUInt8 program[64];
-    size_t programLength;
+    epicsUInt8 program[64];      /* what the PLC says of it: that to which all instances belong */
+    size_t programLength;        /* 0: not known */
+    int otherProgram;            /* it is another one */
+    int hadProgram;              /* it was known once, of this PLC */
+    int programRefused;          /* in this session */
     char noFit[PLC_REASON_SIZE]; /* a reason that is given on at once */
     int relearn;                 /* all tags are to be learned anew */
     unsigned unknownRefusals;    /* tags that were known and are not any more, in a turn */
@@ -182,9 +186,22 @@ eipWriter eipWorkerWriter(eipWorker *w);
  * connection). */
 int eipWorkerAsk(eipWorker *w, eipWriter *message, eipAnswer *answer);
 
+typedef enum {
+    eipAskPlain,    /* one service goes by itself */
+    eipAskSeveral,  /* also one goes as if there were more */
+    eipAskVerified  /* the question for the program goes behind them: when it is another one
+                     * (w->otherProgram), no answer counts */
+} eipAskHow;
+
+/* The question for the program, and its answer: is it the one that is known? */
+void eipProgramPut(eipWriter *m);
+int eipProgramIs(const eipWorker *w, const eipAnswer *answer);
+/* The bytes that it takes of a message. */
+unsigned eipProgramLoad(const eipWorker *w);
+
 /* Several services of which the i-th is `put(w, message, i, arg)`: their answers go to
- * `take(w, i, answer, arg)`. One goes by itself, unless `always`. Returns as eipWorkerAsk. */
-int eipWorkerAskMany(eipWorker *w, unsigned count, int always,
+ * `take(w, i, answer, arg)`. Returns as eipWorkerAsk. */
+int eipWorkerAskMany(eipWorker *w, unsigned count, eipAskHow how,
                      void (*put)(eipWorker *w, eipWriter *m, unsigned i, void *arg),
                      void (*take)(eipWorker *w, unsigned i, const eipAnswer *answer,
                                   void *arg),
@@ -194,6 +211,8 @@ int eipWorkerAskMany(eipWorker *w, unsigned count, int always,
 
 /* All tags of a new session, or of a new program, are to be learned. */
 void eipLearnBegin(eipWorker *w);
+/* The same, since the program is another one. */
+void eipLearnChanged(eipWorker *w);
 /* The next message that is due for that. Returns 1: it was sent, 0: none is due, -1: the
  * session is over. *next: when to come again, if it is earlier. */
 int eipLearnStep(eipWorker *w, epicsUInt64 now, epicsUInt64 *next);

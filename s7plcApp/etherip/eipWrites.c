@@ -528,7 +528,7 @@ static int sendBatch(eipWorker *w, batch *b)
                 if (b->items[i].kind == itemBits)
                     w->asking = eipAskModify;
             b->sent = 0;
-            status = eipWorkerAskMany(w, n, 0, putItem, takeItem, b);
+            status = eipWorkerAskMany(w, n, eipAskPlain, putItem, takeItem, b);
             if (!status && !b->sent) /* not in one message: each in its own */
                 for (i = 0; i < b->count; i++)
                     bins[i] = i;

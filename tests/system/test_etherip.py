@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 
+import epics
 import pytest
 
 from client import ARCH, TOP
@@ -357,6 +358,50 @@ def test_download(plant):
     plant.sim.command("etherip download")
     for n in range(20):
         plant.ioc.wait_value(f"t{n}", n + 100)
+
+
+def test_no_value_of_another(plant):
+    """Through 50 downloads, by which ids mean other tags, no record ever shows another tag's value"""
+    count = 40
+    plant.tags(*(f"tag T{n} DINT = {n * 1000}" for n in range(count)), "udt U A:DINT B:DINT C:DINT",
+               "tag X U", "tag Y U")
+    for n, member in enumerate(("X.A", "X.B", "X.C", "Y.A", "Y.B", "Y.C")):
+        plant.set(member, 100000 + n)
+    wanted = {f"t{n}": n * 1000 for n in range(count)}
+    wanted |= {name: 100000 + n for n, name in enumerate(("xA", "xB", "xC", "yA", "yB", "yC"))}
+    plant.records(*(rec("longin", f"t{n}", f"T{n} S 0.1") for n in range(count)),
+                  *(rec("longin", name, f"{name[0].upper()}.{name[1]} S 0.1")
+                    for name in wanted if name[0] != "t"))
+    wrong, events = [], []
+
+    def seen(pvname, value, severity, **kw):
+        events.append(pvname)
+        name = pvname.removeprefix(plant.ioc.P)
+        if severity == 0 and value != wanted[name]:
+            wrong.append((name, value))
+
+    for name, value in wanted.items():
+        plant.ioc.wait_value(name, value)
+    until(lambda: plant.ioc.command("drvEtherIP_dump").count("instance") == count + 6)
+    pvs = [epics.PV(plant.ioc.P + name, callback=seen, auto_monitor=True) for name in wanted]
+    until(lambda: len(set(events)) == len(wanted))
+    for turn in range(50):
+        known = turn % 3 != 0  # else this one comes while tags are learned
+        if known:
+            until(lambda: plant.ioc.command("drvEtherIP_dump").count("instance") == count + 6)
+        before = programs(plant)
+        plant.sim.command("etherip download shift")
+        until(lambda: not known or programs(plant) > before, "the download is seen")
+    assert not wrong
+    for pv in pvs:
+        pv.disconnect()
+    plant.set("T7", 7777)
+    plant.ioc.wait_value("t7", 7777)
+    assert all(plant.ioc.severity(name) == "NO_ALARM" for name in wanted)
+
+
+def programs(plant):
+    return int(re.search(r"(\d+) new programs", plant.ioc.command("drvEtherIP_report 1")).group(1))
 
 
 @pytest.mark.parametrize("how", ["download", "download shift"])

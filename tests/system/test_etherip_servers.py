@@ -51,7 +51,7 @@ def test_every_type(server, new_ioc):
         db += rec("bi", "b", "Bools[351] S 0.1") + rec("bi", "b0", "Bools[1] S 0.1")
     else:
         db += rec("stringin", "si", "Text S 0.1") + rec("stringout", "so", "Text S 0.1")
-    ioc = new_ioc(f'drvEtherIP_define_PLC("P", "127.0.0.1:{server.port}", 0)', db,
+    ioc = new_ioc(f'etheripConfigure("P", "127.0.0.1:{server.port}", 0, "instances=always")', db,
                   program="eipIoc")
     if server.name == "cpppo":  # ends the session when it is asked for a list of its tags
         ioc.wait_log("encapsulation error")

@@ -605,9 +605,9 @@ static void putOf(const eipTags *t, const eipUnit *u, char *hex)
     epicsUInt8 bytes[200];
     eipWriter w = eipWriterOf(bytes, sizeof(bytes));
 
-    eipUnitPut(&w, t, u, -1);
+    eipUnitPut(&w, t, u, 1, -1);
     hexOf(bytes, w.n, hex);
-    testOk(eipUnitLoad(t, u).request == w.n, "its %u bytes were planned", (unsigned)w.n);
+    testOk(eipUnitLoad(t, u, 1).request == w.n, "its %u bytes were planned", (unsigned)w.n);
 }
 
 static void testUnits(void)
@@ -655,7 +655,7 @@ static void testUnits(void)
     u = &t.units[2];
     putOf(&t, u, hex);
     testOk(strcmp(hex, "4C 05 91 05 52 45 41 4C 73 00 28 03 05 00") == 0 &&
-               eipUnitLoad(&t, u).answer == 4 + 2 + 20 && u->period == 500,
+               eipUnitLoad(&t, u, 1).answer == 4 + 2 + 20 && u->period == 500,
            "REALs[3] to [7], by the fastest period: %s", hex);
     n = clean("00 00 80 3F 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 C0", data);
     testOk(!eipPieceStore(&t, &t.pieces[u->from], data, n, image) &&
@@ -713,7 +713,7 @@ static void testWhole(void)
     u = &t.units[0];
     putOf(&t, u, hex);
     testOk(strcmp(hex, "4C 02 20 6B 24 03 01 00") == 0 &&
-               eipUnitLoad(&t, u).answer == 4 + 4 + 32,
+               eipUnitLoad(&t, u, 1).answer == 4 + 4 + 32,
            "by its instance: %s", hex);
     memset(data, 0, sizeof(data));
     data[0] = 0xfe;
