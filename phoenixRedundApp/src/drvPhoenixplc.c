@@ -99,6 +99,7 @@ static void configureCall(const iocshArgBuf *args)
 
 static void phoenixplcRegister(void)
 {
+    phoenixPairInit();
     iocshRegister(&configureDef, configureCall);
 }
 

@@ -29,6 +29,19 @@ const char *const phoenixBackupText[] = {"no partner",       "plc-1st unlinked",
                                          "plc-2nd unlinked", "plc-1st linked",
                                          "plc-2nd linked",   "unknown"};
 
+/* What s7plcSetOption sets of a pair alone. */
+typedef struct choices {
+    double pingPeriod; /* ms, 0 = off */
+} choices;
+
+static const plcOptionRow optionRows[] = {
+    {.key = "pingPeriod", .kind = plcOptPeriod, .field = offsetof(choices, pingPeriod),
+     .min = 50, .max = 3600000, .unit = "ms", .initial = 1000,
+     .help = "redundant pair: both PLCs are asked by ICMP echo whether they are there; 0: never"},
+};
+
+static plcOptionTable optionTable = {.rows = optionRows, .count = 1, .size = sizeof(choices)};
+
 struct phoenixPair {
     ELLNODE node;
     char *name;
@@ -55,12 +68,18 @@ static epicsThreadOnceId once = EPICS_THREAD_ONCE_INIT;
 static void initOnce(void *arg)
 {
     (void)arg;
+    plcOptionsAdd(&optionTable);
     listLock = epicsMutexMustCreate();
+}
+
+void phoenixPairInit(void)
+{
+    epicsThreadOnce(&once, initOnce, NULL);
 }
 
 static void lockList(void)
 {
-    epicsThreadOnce(&once, initOnce, NULL);
+    phoenixPairInit();
     epicsMutexMustLock(listLock);
 }
 
@@ -311,13 +330,14 @@ static void begin(void *pvt, plcStation *station)
 
 static void options(void *pvt, const plcOptions *o)
 {
+    const choices *own = plcOptionsOwn(o, &optionTable);
     phoenixPair *p = pvt;
     int i;
 
     p->role.recvTimeout = (epicsUInt64)(o->recvTimeout * 1e6);
-    if (p->pingPeriod == o->pingPeriod)
+    if (p->pingPeriod == own->pingPeriod)
         return;
-    p->pingPeriod = o->pingPeriod;
+    p->pingPeriod = own->pingPeriod;
     pairWatchPeriod(p->watch, p->pingPeriod);
     epicsMutexMustLock(p->lock);
     for (i = 0; i < PLC_LINES_MAX && p->pingPeriod <= 0; i++)

@@ -45,6 +45,9 @@ extern const char *const phoenixBackupText[]; /* as in the paper, by phoenixBack
 
 extern const plcPolicy phoenixPolicy; /* its pvt is a phoenixPair */
 
+/* Makes the options of pairs known; the first pair does so, too. */
+void phoenixPairInit(void);
+
 /* Makes a pair; the station destroys it, when there is one. */
 phoenixPair *phoenixPairCreate(const char *name);
 void phoenixPairDestroy(phoenixPair *pair);

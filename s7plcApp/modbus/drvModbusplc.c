@@ -7,6 +7,7 @@
 
 #include "plcComplete.h"
 #include "plcConfigure.h"
+#include "plcModbusOptions.h"
 #include "plcModbusTransport.h"
 
 #include <epicsExport.h>
@@ -200,6 +201,7 @@ static void outputCall(const iocshArgBuf *args)
 
 static void modbusplcRegister(void)
 {
+    plcOptionsAdd(&plcModbusOptionTable);
     iocshRegister(&configureDef, configureCall);
     iocshRegister(&outputDef, outputCall);
 }

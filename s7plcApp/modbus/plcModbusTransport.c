@@ -7,8 +7,8 @@
 #include <cantProceed.h>
 
 #include "plcModbus.h"
+#include "plcModbusOptions.h"
 #include "plcModbusTransport.h"
-#include "plcOptions.h"
 #include "plcStats.h"
 
 /* Between two counts of the heartbeat register, where the option heartbeat is not set; ms. */
@@ -73,20 +73,20 @@ static void destroy(void *pvt)
 static void options(void *pvt, const plcOptions *o)
 {
     modbusTransport *t = pvt;
-    plcModbusOptions chosen = {.requestTimeout = o->requestTimeout,
-                               .readPeriod = o->readPeriod,
-                               .singleWrite = o->singleWrite,
-                               .readModifyWrite = o->maskWrite == plcMaskRmw,
-                               .heartbeatRegister = (int)o->heartbeatRegister,
-                               .heartbeat =
-                                   o->heartbeat > 0 ? o->heartbeat : HEARTBEAT_MS,
-                               .limits = {(unsigned)o->maxRegisters, (unsigned)o->maxBits},
-                               .requestPause = o->requestPause,
-                               .anyUnit = o->check == plcCheckAnyUnit ||
-                                          o->check == plcCheckLoose,
-                               .anyTransaction = o->check == plcCheckAnyTransaction ||
-                                                 o->check == plcCheckLoose,
-                               .rtu = o->framing == plcFramingRtu};
+    const plcModbusChoices *own = plcModbusChoicesOf(o);
+    int loose = own->check == plcCheckLoose;
+    plcModbusOptions chosen = {
+        .requestTimeout = o->requestTimeout,
+        .readPeriod = o->readPeriod,
+        .singleWrite = own->singleWrite,
+        .readModifyWrite = own->maskWrite == plcMaskRmw,
+        .heartbeatRegister = (int)own->heartbeatRegister,
+        .heartbeat = o->heartbeat > 0 ? o->heartbeat : HEARTBEAT_MS,
+        .limits = {(unsigned)own->maxRegisters, (unsigned)own->maxBits},
+        .requestPause = own->requestPause,
+        .anyUnit = loose || own->check == plcCheckAnyUnit,
+        .anyTransaction = loose || own->check == plcCheckAnyTransaction,
+        .rtu = own->framing == plcFramingRtu};
 
     plcModbusSetOptions(t->worker, &chosen);
 }
@@ -101,7 +101,7 @@ static double longestPause(void *pvt, const plcOptions *o)
     for (i = 0; i < t->own.inputCount; i++)
         if (!(least > 0) || t->own.inputs[i].period < least)
             least = t->own.inputs[i].period;
-    return least > 0 ? least + o->requestPause : 0;
+    return least > 0 ? least + plcModbusChoicesOf(o)->requestPause : 0;
 }
 
 static void up(void *pvt, SOCKET socket, const epicsUInt8 *wholeIn,

@@ -6,8 +6,30 @@
 #include <epicsUnitTest.h>
 #include <testMain.h>
 
+#include "phoenixPair.h"
 #include "plcOptions.h"
 #include "testTools.h"
+#ifdef WITH_MODBUS
+#include "plcModbusOptions.h"
+#endif
+
+/* A table that is added, as transports do. */
+typedef struct ownOptions {
+    double place;
+    int choice;
+    double number;
+} ownOptions;
+
+static const plcOptionRow ownRows[] = {
+    {.key = "ownPlace", .kind = plcOptPlace, .field = offsetof(ownOptions, place), .max = 65535,
+     .unit = "register", .initial = PLC_OFF, .help = "a place"},
+    {.key = "ownChoice", .kind = plcOptChoice, .field = offsetof(ownOptions, choice),
+     .words = "refuse|rmw", .initial = 1, .help = "a choice"},
+    {.key = "ownNumber", .kind = plcOptNumber, .field = offsetof(ownOptions, number), .min = 1,
+     .max = 9, .unit = "ms", .initial = 7, .help = "a number"},
+};
+
+static plcOptionTable ownTable = {.rows = ownRows, .count = 3, .size = sizeof(ownOptions)};
 
 static const struct {
     const char *key, *value;
@@ -56,7 +78,7 @@ static const struct {
     {"aliveTimeout", "1e-7", NULL},
     {"alive", "-4294967292", NULL},
     {"readback", "-18446744073709551612", NULL},
-    {"heartbeatRegister", "-4294967295", NULL},
+    {"ownPlace", "-4294967295", NULL},
     {"layout", "nan", NULL},
     {"layout", "-1", NULL},
     {"layout", "65536", NULL},
@@ -116,18 +138,18 @@ static const struct {
     {"requestTimeout", "60001", NULL},
     {"readPeriod", "0", "readPeriod=0"},
     {"readPeriod", "-1", NULL},
-    {"singleWrite", "on", "singleWrite=on"},
-    {"singleWrite", "fc6", NULL},
-    {"maskWrite", "rmw", "maskWrite=rmw"},
-    {"maskWrite", "refuse", ""},
-    {"maskWrite", "1", NULL},
-    {"heartbeatRegister", "0", "heartbeatRegister=0"},
-    {"heartbeatRegister", "65535", "heartbeatRegister=65535"},
-    {"heartbeatRegister", "0x100", "heartbeatRegister=256"},
-    {"heartbeatRegister", "off", ""},
-    {"heartbeatRegister", "65536", NULL},
-    {"heartbeatRegister", "-1", NULL},
-    {"heartbeatRegister", "5,DT", NULL},
+    {"ownChoice", "refuse", "ownChoice=refuse"},
+    {"ownChoice", "rmw", ""},
+    {"ownChoice", "1", NULL},
+    {"ownNumber", "9", "ownNumber=9"},
+    {"ownNumber", "10", NULL},
+    {"ownPlace", "0", "ownPlace=0"},
+    {"ownPlace", "65535", "ownPlace=65535"},
+    {"ownPlace", "0x100", "ownPlace=256"},
+    {"ownPlace", "off", ""},
+    {"ownPlace", "65536", NULL},
+    {"ownPlace", "-1", NULL},
+    {"ownPlace", "5,DT", NULL},
     {"noSuchKey", "1", NULL},
     {"", "1", NULL},
 };
@@ -163,9 +185,8 @@ static void testTexts(void)
     plcOptionsSet(&options, "scan", "x", 0, error, sizeof(error));
     testOk(strcmp(error, "option scan=x; allowed: all|changed") == 0,
            "a choice says its words: %s", error);
-    plcOptionsSet(&options, "heartbeatRegister", "x", 0, error, sizeof(error));
-    testOk(strcmp(error, "option heartbeatRegister=x; allowed: off, or register 0 to "
-                         "65535") == 0,
+    plcOptionsSet(&options, "ownPlace", "x", 0, error, sizeof(error));
+    testOk(strcmp(error, "option ownPlace=x; allowed: off, or register 0 to 65535") == 0,
            "a register says its range: %s", error);
     plcOptionsSet(&options, "hartbeat", "1", 0, error, sizeof(error));
     testOk(strstr(error, "\"hartbeat\"") && strstr(error, " heartbeat") &&
@@ -193,6 +214,26 @@ static void testTexts(void)
         plcOptionsSet(&options, "no", "1", 0, small, sizeof(small));
         testOk(strlen(small) < sizeof(small), "nor by the list of keys");
     }
+}
+
+/* Tables of others are apart from each other and from ours. */
+static void testOwn(void)
+{
+    plcOptions options;
+    const ownOptions *own;
+    char error[400];
+
+    plcOptionsAdd(&ownTable); /* a second time is nothing */
+    plcOptionsDefault(&options);
+    own = plcOptionsOwn(&options, &ownTable);
+    testOk(own->place == PLC_OFF && own->choice == 1 && own->number == 7,
+           "an added table has its defaults");
+    plcOptionsSet(&options, "ownNumber", "5", 0, error, sizeof(error));
+    plcOptionsSet(&options, "pingPeriod", "70", 0, error, sizeof(error));
+    plcOptionsSet(&options, "heartbeat", "3", 0, error, sizeof(error));
+    testOk(own->place == PLC_OFF && own->choice == 1 && own->number == 5 &&
+               options.heartbeat == 3,
+           "and its values, whatever others have");
 }
 
 /* The printed table has a line for each key. */
@@ -229,7 +270,7 @@ static void testManual(void)
     plcOptionsPrint(NULL, file);
     fclose(file);
     for (line = strtok(text, "\n"); line; line = strtok(NULL, "\n")) {
-        if (line[2] == ' ' || sscanf(line, "%39s", key) != 1)
+        if (line[2] == ' ' || sscanf(line, "%39s", key) != 1 || strncmp(key, "own", 3) == 0)
             continue;
         count++;
         sprintf(cell, "| `%s` ", key);
@@ -247,10 +288,16 @@ MAIN(optionsTest)
 {
     size_t i;
 
-    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 14);
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 16);
+    phoenixPairInit();
+#ifdef WITH_MODBUS
+    plcOptionsAdd(&plcModbusOptionTable);
+#endif
+    plcOptionsAdd(&ownTable);
     for (i = 0; i < sizeof(rows) / sizeof(rows[0]); i++)
         testRow(i);
     testTexts();
+    testOwn();
     testPrint();
     testManual();
     return testDone();

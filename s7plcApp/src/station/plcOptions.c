@@ -1,8 +1,9 @@
-/* The table of options; see plcOptions.h. */
+/* The options; see plcOptions.h. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include <cantProceed.h>
 #include <epicsStdio.h>
 #include <epicsStdlib.h>
 #include <epicsString.h>
@@ -10,138 +11,166 @@
 #include "plcOptions.h"
 #include "plcStation.h"
 
-typedef enum {
-    optNumber, /* a double from min to max */
-    optPeriod, /* the same, or 0: off. What comes back in short turns has a least length */
-    optChoice, /* one of the words in `words`, stored as its index */
-    optOffset, /* "off" or a byte offset; "offset,word" when `words` is set */
-    optPlace,  /* "off" or a number of `unit`, such as register */
-    optAlive   /* "off", "offset" or "offset,type" */
-} optKind;
-
-typedef struct optRow {
-    const char *key;
-    optKind kind;
-    size_t field; /* where in plcOptions */
-    size_t second; /* where the word after the comma goes; 0: there is none */
-    double min, max;
-    const char *unit;
-    const char *words; /* "keep|reject" */
-    double initial;
-    int early; /* only before iocInit */
-    const char *help;
-} optRow;
-
 #define AT(member) offsetof(plcOptions, member)
 
 /* clang-format off */
-static const optRow rows[] = {
-{"recvTimeout",    optNumber, AT(recvTimeout),    0, 10, 3600000, "ms", NULL, 2000, 0,
- "silence from block to block after which the connection is given up"},
-{"sendInterval",   optNumber, AT(sendInterval),   0, 1,  3600000, "ms", NULL, 1000, 0,
- "two output blocks are at least this far apart"},
-{"holdoff",        optPeriod, AT(holdoff),        0, 0.1, 10000,   "ms", NULL, 0.2,  0,
- "the first write after a pause waits this long for others to join its block"},
-{"heartbeat",      optPeriod, AT(heartbeat),      0, 1, 3600000, "ms", NULL, 0,    0,
- "send the output block again when nothing was sent for so long; 0: never"},
-{"offlineWrites",  optChoice, AT(offlineWrites),  0, 0,  0, "", "keep|reject",  0,  0,
- "puts while the PLC is away: sent on reconnect, or refused"},
-{"minUpdate",      optPeriod, AT(minUpdate),      0, 1, 3600000, "ms", NULL, 0,    0,
- "records take at most one block in this time, the newest; 0: every block"},
-{"scan",           optChoice, AT(scan),           0, 0,  0, "", "all|changed",  0,  1,
- "I/O Intr processes all input records at each block, or those whose bytes changed"},
-{"wholeBlock",     optChoice, AT(wholeBlock),     0, 0,  0, "", "off|on",       0,  0,
- "one I/O Intr pass sees exactly one block, however long it takes"},
-{"scanThread",     optChoice, AT(scanThread),     0, 0,  0, "", "own|callback", 0,  0,
- "small passes of I/O Intr run in the PLC's own thread where nothing waits for it, or never"},
-{"alive",          optAlive,  AT(alive), AT(aliveType), 0, PLC_BLOCK_MAX, "bytes", NULL, PLC_OFF, 0,
- "a word of the input block that changes while the PLC program runs: offset[,type]"},
-{"aliveTimeout",   optNumber, AT(aliveTimeout),   0, 10, 3600000, "ms", NULL, 2000, 0,
- "the word of `alive` may stand still that long"},
-{"timestamp",      optOffset, AT(timestamp), AT(timestampFormat), 0, PLC_BLOCK_MAX, "bytes", "DT|DTL", PLC_OFF, 0,
- "PLC clock in the input block for records with TSE=-2: offset[,DT|DTL]"},
-{"readback",       optOffset, AT(readback),       0, 0,  PLC_BLOCK_MAX, "bytes", NULL, PLC_OFF, 1,
- "where the input block mirrors the output block: outputs start from the PLC's values"},
-{"track",          optChoice, AT(track),          0, 0,  0, "", "off|on",       0,  0,
- "output records with a read-back follow when the PLC changes the value"},
-{"sync",           optChoice, AT(sync),           0, 0,  0, "", "off|on",       0,  1,
- "sync handshake: no put leaves before the PLC has agreed to the values we hold"},
-{"layout",         optNumber, AT(layout),         0, 0,  65535,   "",   NULL, 0,    1,
- "layout id of both blocks, for the sync handshake and layoutAt; 0: not checked"},
-{"map",            optChoice, AT(map),            0, 0,  0, "", "off|check|download", 0, 1,
- "the PLC's table of pointers (s7plcTables): not looked at, compared, or sent when it differs"},
-{"layoutAt",       optOffset, AT(layoutAt),       0, 0,  PLC_BLOCK_MAX, "bytes", NULL, PLC_OFF, 1,
- "without sync: where the input block has the PLC's layout id, a UINT16"},
-{"wordOrder",      optChoice, AT(wordOrder),      0, 0,  0, "", "bytes|high|low|ABCD|CDAB|BADC|DCBA", 0, 1,
- "which 16-bit word of values of 4 and 8 bytes comes first; bytes: as they are ordered"},
-{"connectTimeout", optNumber, AT(connectTimeout), 0, 50, 60000,   "ms", NULL, 900,  0,
- "an attempt to connect is given up after this time, and the next one begins"},
-{"pingPeriod",     optPeriod, AT(pingPeriod),     0, 50, 3600000, "ms", NULL, 1000, 0,
- "redundant pair: both PLCs are asked by ICMP echo whether they are there; 0: never"},
-{"log",            optChoice, AT(log),            0, 0,  0, "", "error|warning|info|io", plcLogInfo, 0,
- "what the log says of this PLC; io: its blocks and puts too, in hex"},
-{"logTime",        optChoice, AT(logTime),        0, 0,  0, "", "off|on",       0,  0,
- "lines of the log begin with the time"},
-{"complete",       optChoice, AT(complete),       0, 0,  0, "", "acknowledged|sent", 0, 0,
- "over an acknowledging wire: a record is active until its put is taken, or only handed over"},
-{"writes",         optChoice, AT(writes),         0, 0,  0, "", "newest|all",   0,  0,
- "over an acknowledging wire: of numbers that follow on each other the newest leaves, or all"},
-{"requestTimeout", optNumber, AT(requestTimeout), 0, 10, 60000,   "ms", NULL, 1000, 0,
- "a request without an answer for so long: the connection is given up"},
-{"readPeriod",     optPeriod, AT(readPeriod),     0, 10, 3600000, "ms", NULL, 1000, 0,
- "by requests: how often the outputs are read again; 0: only at connect"},
-{"singleWrite",    optChoice, AT(singleWrite),    0, 0,  0, "", "off|on",       0,  0,
- "registers: a single one is written by function 6, a single coil by function 5"},
-{"maskWrite",      optChoice, AT(maskWrite),      0, 0,  0, "", "refuse|rmw",   0,  0,
- "registers: single bits of a register where function 22 is missing: refuse, or read and write"},
-{"maxRegisters",   optNumber, AT(maxRegisters),   0, 1,  125,     "registers", NULL, 125, 0,
- "registers: a request holds at most so many registers (a write 123)"},
-{"maxBits",        optNumber, AT(maxBits),        0, 1,  2000,    "bits", NULL, 2000, 0,
- "registers: a request holds at most so many coils or discrete inputs (a write 1968)"},
-{"requestPause",   optPeriod, AT(requestPause),   0, 1,  10000,   "ms", NULL, 0,    0,
- "registers: between an answer and the next request"},
-{"check",          optChoice, AT(check),          0, 0,  0, "", "strict|anyUnit|anyTransaction|loose", 0, 0,
- "registers: what of an answer must be that of the request: unit and transaction number, or less"},
-{"framing",        optChoice, AT(framing),  0, 0,  0, "", "tcp|rtu",      0,  0,
- "registers: tcp: with a header; rtu: as on a serial line, with a CRC, for converters"},
-{"heartbeatRegister", optPlace, AT(heartbeatRegister), 0, 0, 65535, "register", NULL, PLC_OFF, 0,
- "registers: a holding register that counts up every `heartbeat` ms, 1000 if that is 0"},
+static const plcOptionRow rows[] = {
+    {.key = "recvTimeout", .kind = plcOptNumber, .field = AT(recvTimeout), .min = 10,
+     .max = 3600000, .unit = "ms", .initial = 2000,
+     .help = "silence from block to block after which the connection is given up"},
+    {.key = "sendInterval", .kind = plcOptNumber, .field = AT(sendInterval), .min = 1,
+     .max = 3600000, .unit = "ms", .initial = 1000,
+     .help = "two output blocks are at least this far apart"},
+    {.key = "holdoff", .kind = plcOptPeriod, .field = AT(holdoff), .min = 0.1, .max = 10000,
+     .unit = "ms", .initial = 0.2,
+     .help = "the first write after a pause waits this long for others to join its block"},
+    {.key = "heartbeat", .kind = plcOptPeriod, .field = AT(heartbeat), .min = 1,
+     .max = 3600000, .unit = "ms",
+     .help = "send the output block again when nothing was sent for so long; 0: never"},
+    {.key = "offlineWrites", .kind = plcOptChoice, .field = AT(offlineWrites),
+     .words = "keep|reject",
+     .help = "puts while the PLC is away: sent on reconnect, or refused"},
+    {.key = "minUpdate", .kind = plcOptPeriod, .field = AT(minUpdate), .min = 1,
+     .max = 3600000, .unit = "ms",
+     .help = "records take at most one block in this time, the newest; 0: every block"},
+    {.key = "scan", .kind = plcOptChoice, .field = AT(scan), .words = "all|changed",
+     .early = 1,
+     .help = "I/O Intr processes all input records at each block, or those whose bytes changed"},
+    {.key = "wholeBlock", .kind = plcOptChoice, .field = AT(wholeBlock), .words = "off|on",
+     .help = "one I/O Intr pass sees exactly one block, however long it takes"},
+    {.key = "scanThread", .kind = plcOptChoice, .field = AT(scanThread),
+     .words = "own|callback",
+     .help = "small passes of I/O Intr run in the PLC's own thread where nothing waits for it, or never"},
+    {.key = "alive", .kind = plcOptAlive, .field = AT(alive), .second = AT(aliveType),
+     .max = PLC_BLOCK_MAX, .initial = PLC_OFF,
+     .help = "a word of the input block that changes while the PLC program runs: offset[,type]"},
+    {.key = "aliveTimeout", .kind = plcOptNumber, .field = AT(aliveTimeout), .min = 10,
+     .max = 3600000, .unit = "ms", .initial = 2000,
+     .help = "the word of `alive` may stand still that long"},
+    {.key = "timestamp", .kind = plcOptOffset, .field = AT(timestamp),
+     .second = AT(timestampFormat), .max = PLC_BLOCK_MAX, .words = "DT|DTL",
+     .initial = PLC_OFF,
+     .help = "PLC clock in the input block for records with TSE=-2: offset[,DT|DTL]"},
+    {.key = "readback", .kind = plcOptOffset, .field = AT(readback), .max = PLC_BLOCK_MAX,
+     .initial = PLC_OFF, .early = 1,
+     .help = "where the input block mirrors the output block: outputs start from the PLC's values"},
+    {.key = "track", .kind = plcOptChoice, .field = AT(track), .words = "off|on",
+     .help = "output records with a read-back follow when the PLC changes the value"},
+    {.key = "sync", .kind = plcOptChoice, .field = AT(sync), .words = "off|on", .early = 1,
+     .help = "sync handshake: no put leaves before the PLC has agreed to the values we hold"},
+    {.key = "layout", .kind = plcOptNumber, .field = AT(layout), .max = 65535, .early = 1,
+     .help = "layout id of both blocks, for the sync handshake and layoutAt; 0: not checked"},
+    {.key = "map", .kind = plcOptChoice, .field = AT(map), .words = "off|check|download",
+     .early = 1,
+     .help = "the PLC's table of pointers (s7plcTables): not looked at, compared, or sent when it differs"},
+    {.key = "layoutAt", .kind = plcOptOffset, .field = AT(layoutAt), .max = PLC_BLOCK_MAX,
+     .initial = PLC_OFF, .early = 1,
+     .help = "without sync: where the input block has the PLC's layout id, a UINT16"},
+    {.key = "wordOrder", .kind = plcOptChoice, .field = AT(wordOrder),
+     .words = "bytes|high|low|ABCD|CDAB|BADC|DCBA", .early = 1,
+     .help = "which 16-bit word of values of 4 and 8 bytes comes first; bytes: as they are ordered"},
+    {.key = "connectTimeout", .kind = plcOptNumber, .field = AT(connectTimeout), .min = 50,
+     .max = 60000, .unit = "ms", .initial = 900,
+     .help = "an attempt to connect is given up after this time, and the next one begins"},
+    {.key = "log", .kind = plcOptChoice, .field = AT(log), .words = "error|warning|info|io",
+     .initial = plcLogInfo,
+     .help = "what the log says of this PLC; io: its blocks and puts too, in hex"},
+    {.key = "logTime", .kind = plcOptChoice, .field = AT(logTime), .words = "off|on",
+     .help = "lines of the log begin with the time"},
+    {.key = "complete", .kind = plcOptChoice, .field = AT(complete),
+     .words = "acknowledged|sent",
+     .help = "over an acknowledging wire: a record is active until its put is taken, or only handed over"},
+    {.key = "writes", .kind = plcOptChoice, .field = AT(writes), .words = "newest|all",
+     .help = "over an acknowledging wire: of numbers that follow on each other the newest leaves, or all"},
+    {.key = "requestTimeout", .kind = plcOptNumber, .field = AT(requestTimeout), .min = 10,
+     .max = 60000, .unit = "ms", .initial = 1000,
+     .help = "a request without an answer for so long: the connection is given up"},
+    {.key = "readPeriod", .kind = plcOptPeriod, .field = AT(readPeriod), .min = 10,
+     .max = 3600000, .unit = "ms", .initial = 1000,
+     .help = "by requests: how often the outputs are read again; 0: only at connect"},
 };
 /* clang-format on */
 
-#define ROWS (sizeof(rows) / sizeof(rows[0]))
+/* Ours; behind it those that others have added. */
+static plcOptionTable core = {.rows = rows, .count = sizeof(rows) / sizeof(rows[0])};
 
-static void *field(plcOptions *o, size_t offset)
+/* Goes through the rows of all tables. */
+#define EACH_ROW(table, row)                                                              \
+    for ((table) = &core; (table); (table) = (table)->next)                               \
+        for ((row) = (table)->rows; (row) < (table)->rows + (table)->count; (row)++)
+
+void plcOptionsAdd(plcOptionTable *table)
 {
-    return (char *)o + offset;
+    plcOptionTable *last = &core;
+    size_t used = offsetof(plcOptions, own);
+
+    while (last->next && last != table) {
+        last = last->next;
+        used = last->at + last->size;
+    }
+    if (last == table)
+        return;
+    used = (used + sizeof(double) - 1) / sizeof(double) * sizeof(double);
+    if (used + table->size > sizeof(plcOptions))
+        cantProceed("plcOptionsAdd: no room for %lu bytes of options\n",
+                    (unsigned long)table->size);
+    table->at = used;
+    last->next = table;
+}
+
+const void *plcOptionsOwn(const plcOptions *o, const plcOptionTable *table)
+{
+    return (const char *)o + table->at;
+}
+
+/* The same, to be changed. */
+static void *ownOf(plcOptions *o, const plcOptionTable *table)
+{
+    return (char *)o + table->at;
+}
+
+static void *field(void *own, size_t offset)
+{
+    return (char *)own + offset;
 }
 
 void plcOptionsDefault(plcOptions *o)
 {
-    size_t i;
+    const plcOptionTable *table;
+    const plcOptionRow *row;
 
     memset(o, 0, sizeof(*o));
-    for (i = 0; i < ROWS; i++) {
-        if (rows[i].kind == optChoice)
-            *(int *)field(o, rows[i].field) = (int)rows[i].initial;
+    EACH_ROW(table, row) {
+        if (row->kind == plcOptChoice)
+            *(int *)field(ownOf(o, table), row->field) = (int)row->initial;
         else
-            *(double *)field(o, rows[i].field) = rows[i].initial;
+            *(double *)field(ownOf(o, table), row->field) = row->initial;
     }
     o->aliveType = plcTypeFind("UINT16", 6);
 }
 
+/* The row of this key and its table; NULL: there is none. */
+static const plcOptionRow *find(const char *key, const plcOptionTable **table)
+{
+    const plcOptionRow *row;
+
+    EACH_ROW(*table, row)
+        if (epicsStrCaseCmp(row->key, key) == 0)
+            return row;
+    return NULL;
+}
+
 int plcOptionsLimits(const char *key, double *min, double *max, double *initial)
 {
-    size_t i;
+    const plcOptionTable *table;
+    const plcOptionRow *row = find(key, &table);
 
-    for (i = 0; i < ROWS; i++)
-        if (rows[i].kind == optNumber && strcmp(rows[i].key, key) == 0) {
-            *min = rows[i].min;
-            *max = rows[i].max;
-            *initial = rows[i].initial;
-            return 0;
-        }
-    return -1;
+    if (!row || row->kind != plcOptNumber)
+        return -1;
+    *min = row->min;
+    *max = row->max;
+    *initial = row->initial;
+    return 0;
 }
 
 /* The index of `word` in "a|b|c", or -1. */
@@ -171,48 +200,48 @@ static const char *nthWord(const char *words, int index, int *length)
 }
 
 /* What a row allows, for error messages and the printed table. */
-static void describe(const optRow *row, char *text, size_t size)
+static void describe(const plcOptionRow *row, char *text, size_t size)
 {
     char types[120];
 
     switch (row->kind) {
-    case optNumber:
-    case optPeriod:
+    case plcOptNumber:
+    case plcOptPeriod:
         epicsSnprintf(text, size, "%s%.10g to %.10g %s",
-                      row->kind == optPeriod ? "0, or " : "", row->min, row->max, row->unit);
+                      row->kind == plcOptPeriod ? "0, or " : "", row->min, row->max, row->unit);
         break;
-    case optChoice:
+    case plcOptChoice:
         epicsSnprintf(text, size, "%s", row->words);
         break;
-    case optOffset:
+    case plcOptOffset:
         epicsSnprintf(text, size, "off, or byte offset%s%s%s", row->words ? "[," : "",
                       row->words ? row->words : "", row->words ? "]" : "");
         break;
-    case optPlace:
+    case plcOptPlace:
         epicsSnprintf(text, size, "off, or %s %.10g to %.10g", row->unit, row->min,
                       row->max);
         break;
-    case optAlive:
+    case plcOptAlive:
         plcTypeList(plcInteger, 8, types, sizeof(types));
         epicsSnprintf(text, size, "off, or byte offset[,type] with type %s", types);
         break;
     }
 }
 
-static int setNumber(const optRow *row, plcOptions *o, const char *value)
+static int setNumber(const plcOptionRow *row, void *own, const char *value)
 {
     double number;
 
     if (epicsParseDouble(value, &number, NULL) || !isfinite(number))
         return -1;
     if ((number < row->min || number > row->max) &&
-        !(number == 0 && row->kind == optPeriod))
+        !(number == 0 && row->kind == plcOptPeriod))
         return -1;
-    *(double *)field(o, row->field) = number == 0 ? 0 : number; /* no -0 */
+    *(double *)field(own, row->field) = number == 0 ? 0 : number; /* no -0 */
     return 0;
 }
 
-static int setChoice(const optRow *row, plcOptions *o, const char *value)
+static int setChoice(const plcOptionRow *row, void *own, const char *value)
 {
     int index = findWord(row->words, value);
 
@@ -222,11 +251,11 @@ static int setChoice(const optRow *row, plcOptions *o, const char *value)
         index = value[0] - '0';
     if (index < 0)
         return -1;
-    *(int *)field(o, row->field) = index;
+    *(int *)field(own, row->field) = index;
     return 0;
 }
 
-static int setOffset(const optRow *row, plcOptions *o, const char *value)
+static int setOffset(const plcOptionRow *row, void *own, const char *value)
 {
     const plcType *type = plcTypeFind("UINT16", 6);
     epicsUInt32 offset;
@@ -234,13 +263,13 @@ static int setOffset(const optRow *row, plcOptions *o, const char *value)
     int word = 0;
 
     if (epicsStrCaseCmp(value, "off") == 0) {
-        *(double *)field(o, row->field) = PLC_OFF;
+        *(double *)field(own, row->field) = PLC_OFF;
         return 0;
     }
     if (strchr(value, '-') || epicsParseUInt32(value, &offset, 0, &rest) ||
         offset > row->max)
         return -1;
-    if (*rest == ',' && row->kind == optAlive) {
+    if (*rest == ',' && row->kind == plcOptAlive) {
         type = plcTypeFind(rest + 1, strlen(rest + 1));
         if (!type || !(type->kind & plcInteger))
             return -1;
@@ -251,68 +280,68 @@ static int setOffset(const optRow *row, plcOptions *o, const char *value)
     } else if (*rest) {
         return -1;
     }
-    *(double *)field(o, row->field) = offset;
-    if (row->kind == optAlive)
-        *(const plcType **)field(o, row->second) = type;
+    *(double *)field(own, row->field) = offset;
+    if (row->kind == plcOptAlive)
+        *(const plcType **)field(own, row->second) = type;
     else if (row->words)
-        *(int *)field(o, row->second) = word;
+        *(int *)field(own, row->second) = word;
     return 0;
 }
 
 int plcOptionsSet(plcOptions *o, const char *key, const char *value, int running,
                   char *error, size_t size)
 {
-    static int (*const set[])(const optRow *, plcOptions *, const char *) = {
-        setNumber, setNumber, setChoice, setOffset, setOffset, setOffset};
+    static int (*const set[])(const plcOptionRow *, void *, const char *) = {
+        [plcOptNumber] = setNumber, [plcOptPeriod] = setNumber, [plcOptChoice] = setChoice,
+        [plcOptOffset] = setOffset, [plcOptPlace] = setOffset,  [plcOptAlive] = setOffset};
+    const plcOptionTable *table;
+    const plcOptionRow *row = find(key, &table);
     char allowed[200];
-    size_t i;
     int used;
 
-    for (i = 0; i < ROWS && epicsStrCaseCmp(rows[i].key, key); i++)
-        ;
-    if (i == ROWS) {
+    if (!row) {
         used = epicsSnprintf(error, size, "there is no option \"%s\"; allowed:", key);
-        for (i = 0; i < ROWS && used > 0 && (size_t)used < size; i++)
-            used += epicsSnprintf(error + used, size - used, " %s", rows[i].key);
+        EACH_ROW(table, row)
+            if (used > 0 && (size_t)used < size)
+                used += epicsSnprintf(error + used, size - used, " %s", row->key);
         return -1;
     }
-    if (running && rows[i].early) {
-        epicsSnprintf(error, size, "option %s can only be set before iocInit",
-                      rows[i].key);
+    if (running && row->early) {
+        epicsSnprintf(error, size, "option %s can only be set before iocInit", row->key);
         return -1;
     }
-    if (set[rows[i].kind](&rows[i], o, value)) {
-        describe(&rows[i], allowed, sizeof(allowed));
-        epicsSnprintf(error, size, "option %s=%s; allowed: %s", rows[i].key, value,
-                      allowed);
+    if (set[row->kind](row, ownOf(o, table), value)) {
+        describe(row, allowed, sizeof(allowed));
+        epicsSnprintf(error, size, "option %s=%s; allowed: %s", row->key, value, allowed);
         return -1;
     }
     return 0;
 }
 
 /* The value of a row as it would be typed. */
-static void valueText(const optRow *row, const plcOptions *o, char *text, size_t size)
+static void valueText(const plcOptionTable *table, const plcOptionRow *row, const plcOptions *o,
+                      char *text, size_t size)
 {
-    plcOptions *any = (plcOptions *)o;
+    void *own = ownOf((plcOptions *)o, table);
     double number;
     int length;
     const char *word;
 
-    if (row->kind == optChoice) {
-        word = nthWord(row->words, *(int *)field(any, row->field), &length);
+    if (row->kind == plcOptChoice) {
+        word = nthWord(row->words, *(int *)field(own, row->field), &length);
         epicsSnprintf(text, size, "%.*s", length, word);
         return;
     }
-    number = *(double *)field(any, row->field);
-    if (row->kind <= optPeriod) {
+    number = *(double *)field(own, row->field);
+    if (row->kind <= plcOptPeriod) {
         epicsSnprintf(text, size, "%.10g", number);
     } else if (number < 0) {
         epicsSnprintf(text, size, "off");
-    } else if (row->kind == optAlive) {
+    } else if (row->kind == plcOptAlive) {
         epicsSnprintf(text, size, "%.0f,%s", number,
-                      (*(const plcType **)field(any, row->second))->name);
+                      (*(const plcType **)field(own, row->second))->name);
     } else if (row->words) {
-        word = nthWord(row->words, *(int *)field(any, row->second), &length);
+        word = nthWord(row->words, *(int *)field(own, row->second), &length);
         epicsSnprintf(text, size, "%.0f,%.*s", number, length, word);
     } else {
         epicsSnprintf(text, size, "%.0f", number);
@@ -321,34 +350,36 @@ static void valueText(const optRow *row, const plcOptions *o, char *text, size_t
 
 void plcOptionsPrint(const plcOptions *options, FILE *file)
 {
+    const plcOptionTable *table;
+    const plcOptionRow *row;
     plcOptions defaults;
     char value[40], allowed[200];
-    size_t i;
 
     plcOptionsDefault(&defaults);
-    for (i = 0; i < ROWS; i++) {
-        valueText(&rows[i], options ? options : &defaults, value, sizeof(value));
-        describe(&rows[i], allowed, sizeof(allowed));
-        fprintf(file, "  %-17s %-10s %s%s\n  %28s allowed: %s\n", rows[i].key, value,
-                rows[i].help, rows[i].early ? " (before iocInit)" : "", "", allowed);
+    EACH_ROW(table, row) {
+        valueText(table, row, options ? options : &defaults, value, sizeof(value));
+        describe(row, allowed, sizeof(allowed));
+        fprintf(file, "  %-17s %-10s %s%s\n  %28s allowed: %s\n", row->key, value, row->help,
+                row->early ? " (before iocInit)" : "", "", allowed);
     }
 }
 
 void plcOptionsSummary(const plcOptions *options, char *text, size_t size)
 {
+    const plcOptionTable *table;
+    const plcOptionRow *row;
     plcOptions defaults;
     char value[40], initial[40];
-    size_t used = 0, i;
+    size_t used = 0;
 
     plcOptionsDefault(&defaults);
     text[0] = 0;
-    for (i = 0; i < ROWS; i++) {
-        valueText(&rows[i], options, value, sizeof(value));
-        valueText(&rows[i], &defaults, initial, sizeof(initial));
+    EACH_ROW(table, row) {
+        valueText(table, row, options, value, sizeof(value));
+        valueText(table, row, &defaults, initial, sizeof(initial));
         if (strcmp(value, initial) == 0)
             continue;
-        epicsSnprintf(text + used, size - used, "%s%s=%s", used ? " " : "", rows[i].key,
-                      value);
+        epicsSnprintf(text + used, size - used, "%s%s=%s", used ? " " : "", row->key, value);
         used = strlen(text);
     }
 }

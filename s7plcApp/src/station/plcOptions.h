@@ -1,4 +1,5 @@
-/* The options of a station: one table of keys with range, unit, default and help.
+/* The options of a station: a table of keys with range, unit, default and help; transports and
+ * policies add tables of their own.
  *
  * Pure: text goes in, values come out. What an option does is written where it is used.
  */
@@ -16,17 +17,14 @@ enum { plcClockIsDt, plcClockIsDtl };      /* timestamp= */
 /* wordOrder= */
 enum { plcWordsAsBytes, plcWordsHigh, plcWordsLow, plcWordsABCD, plcWordsCDAB, plcWordsBADC,
        plcWordsDCBA };
-enum { plcMaskRefuse, plcMaskRmw };        /* maskWrite= */
 enum { plcPassOwn, plcPassCallback };      /* scanThread= */
 
 enum { plcCompleteAcknowledged, plcCompleteSent }; /* complete= */
 enum { plcWritesNewest, plcWritesAll };    /* writes= */
 
 enum { plcLogError, plcLogWarning, plcLogInfo, plcLogIo }; /* log= */
-enum { plcCheckStrict, plcCheckAnyUnit, plcCheckAnyTransaction, plcCheckLoose }; /* check= */
-enum { plcFramingTcp, plcFramingRtu };     /* framing= */
 
-#define PLC_OFF (-1.0) /* an option with an offset or a register, not in use */
+#define PLC_OFF (-1.0) /* an option with an offset or a place, not in use */
 
 typedef struct plcOptions {
     double recvTimeout;    /* ms */
@@ -47,7 +45,6 @@ typedef struct plcOptions {
     double timestamp;      /* offset in the input block, PLC_OFF */
     int timestampFormat;   /* plcClockIsDt, plcClockIsDtl */
     int sync;              /* 0 or 1 */
-    double pingPeriod;     /* ms, 0 = off */
     double layout;         /* layout id, 0 = not checked */
     int map;               /* plcMapOff, ... of plcTables.h */
     double layoutAt;       /* offset of the PLC's in the input block, PLC_OFF */
@@ -55,18 +52,50 @@ typedef struct plcOptions {
     int complete;          /* plcCompleteAcknowledged, plcCompleteSent */
     int writes;            /* plcWritesNewest, plcWritesAll */
     double requestTimeout; /* ms, of transports with requests */
-    int singleWrite;       /* 0 or 1; this and the next two: registers */
-    int maskWrite;         /* plcMaskRefuse, plcMaskRmw */
-    double heartbeatRegister; /* holding register, PLC_OFF */
     int log;               /* plcLogError, ... */
     int logTime;           /* 0 or 1 */
     double readPeriod;     /* ms, 0 = only at connect; of transports with requests */
-    double maxRegisters;   /* in one request */
-    double maxBits;        /* the same of coils and discrete inputs */
-    double requestPause;   /* ms between an answer and the next request, 0 = none */
-    int check;             /* plcCheckStrict, ... */
-    int framing;     /* plcFramingTcp, plcFramingRtu */
+    double own[32];        /* of the tables that were added: plcOptionsOwn */
 } plcOptions;
+
+typedef enum {
+    plcOptNumber, /* a double from min to max */
+    plcOptPeriod, /* the same, or 0: off. What comes back in short turns has a least length */
+    plcOptChoice, /* one of the words in `words`, stored as its index, an int */
+    plcOptOffset, /* a double: "off" or a byte offset; "offset,word" when `words` is set */
+    plcOptPlace,  /* a double: "off" or a number of `unit` */
+    plcOptAlive   /* "off", "offset" or "offset,type" */
+} plcOptionKind;
+
+typedef struct plcOptionRow {
+    const char *key;
+    plcOptionKind kind;
+    size_t field;  /* where in the struct of its table */
+    size_t second; /* where the word after the comma goes; 0: there is none */
+    double min, max;
+    const char *unit;
+    const char *words; /* "keep|reject" */
+    double initial;
+    int early; /* only before iocInit */
+    const char *help;
+} plcOptionRow;
+
+/* The options of one transport or policy. They are in each station, whether it uses them or not:
+ * so they can be set before it is known, and are listed where the library is. */
+typedef struct plcOptionTable {
+    const plcOptionRow *rows;
+    size_t count;
+    size_t size; /* bytes of the struct that has their fields: of double and int alone */
+    /* of plcOptionsAdd: */
+    size_t at;
+    struct plcOptionTable *next;
+} plcOptionTable;
+
+/* Adds a table, once, before there is any station: in a registrar. */
+void plcOptionsAdd(plcOptionTable *table);
+
+/* The struct of this table. */
+const void *plcOptionsOwn(const plcOptions *options, const plcOptionTable *table);
 
 void plcOptionsDefault(plcOptions *options);
 
@@ -79,7 +108,7 @@ int plcOptionsLimits(const char *key, double *min, double *max, double *initial)
 int plcOptionsSet(plcOptions *options, const char *key, const char *value, int running,
                   char *error, size_t size);
 
-/* The table with the values in *options (NULL: the defaults), for people. */
+/* All tables with the values in *options (NULL: the defaults), for people. */
 void plcOptionsPrint(const plcOptions *options, FILE *file);
 
 /* Only the options that differ from the defaults: "heartbeat=500 scan=changed". */
