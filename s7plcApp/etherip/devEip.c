@@ -278,26 +278,31 @@ void devEipShown(const devRecord *dev, const epicsUInt8 *bytes, eipNumber *numbe
 /* The PLC does not show this place: there is nothing to follow. */
 static long notShown(dbCommon *prec, devRecord *dev)
 {
-    plcFaults *faults = plcStationInFaults(dev->station);
-    char reason[PLC_REASON_SIZE];
-
     dev->following = 0;
     prec->udf = TRUE;
-    if (!faults || !plcFaultsFind(faults, eipOf(dev)->at, eipOf(dev)->room, NULL, reason))
-        return noValue(prec);
-    recGblSetSevrMsg(prec, READ_ALARM, INVALID_ALARM, "%s", reason);
-    return -1;
+    return devUnseen(prec, dev) ? -1 : noValue(prec);
 }
 
 /* FORCE: what the PLC shows is no reason to follow, once the record has a value of its own. */
+static int isForced(const devRecord *dev)
+{
+    return eipOf(dev)->force && eipOf(dev)->forced;
+}
+
+int devEipFollows(const dbCommon *prec)
+{
+    const devRecord *dev = prec->dpvt;
+
+    return devEipType(dev) && !isForced(dev);
+}
+
 long devEipWrite(dbCommon *prec)
 {
     devRecord *dev = prec->dpvt;
 
     if (dev && dev->station && dev->following && !devEipType(dev))
         return notShown(prec, dev);
-    if (dev && dev->station && dev->following && eipOf(dev)->force &&
-        eipOf(dev)->forced) {
+    if (dev && dev->station && dev->following && isForced(dev)) {
         long status;
 
         dev->following = 0;

@@ -73,6 +73,9 @@ void devEipShown(const devRecord *dev, const epicsUInt8 *bytes, eipNumber *numbe
 /* The transfer of all outputs: devWrite, or with FORCE the value again. */
 long devEipWrite(dbCommon *prec);
 
+/* Will it take the PLC's value, when it processes to follow? */
+int devEipFollows(const dbCommon *prec);
+
 /* An integer from a number: a real one is rounded, what does not fit is cut. */
 epicsInt64 devEipInteger(const eipNumber *number);
 

@@ -77,6 +77,18 @@ static unsigned periodOf(dbCommon *prec, const eipLink *link)
     return seconds < 0.001 ? 1 : seconds > 4e6 ? 4000000000u : (unsigned)(seconds * 1000 + 0.5);
 }
 
+/* The PLC refuses to show the tag of an output, or the second of two. */
+static int isUnseen(const devRecord *dev, char reason[PLC_REASON_SIZE])
+{
+    const devEip *own = eipOf(dev);
+    plcFaults *faults = plcStationInFaults(dev->station);
+
+    return own->place &&
+           (plcFaultsFind(faults, own->at, own->room, NULL, reason) ||
+            (own->second && plcFaultsFind(faults, eipPlaceOffset(own->second), eipCellSize, NULL,
+                                          reason)));
+}
+
 static void forget(devRecord *dev)
 {
     devEip *own = eipOf(dev);
@@ -116,6 +128,7 @@ static int begin(dbCommon *prec, devRecord *dev, const char *text, eipLink *link
     own->statistic = link->statistic;
     dev->own = own;
     dev->forget = forget;
+    dev->unseen = isUnseen;
     return 0;
 }
 

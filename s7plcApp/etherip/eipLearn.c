@@ -14,7 +14,6 @@ enum {
     answerGuess = 24, /* bytes that an answer to a question for a type takes: a string takes
                        * more, and is asked for again alone */
     askMost = 400,    /* tags in one message */
-    isSure = 2 /* a PLC that was silent that often, when it was asked for this */
 };
 
 /* --- Asking for types ------------------------------------------------------------------------ */
@@ -163,7 +162,7 @@ static void taught(eipWorker *w)
     eipPlansRenew(w);
     w->replan = 0;
     w->taught = 1;
-    if (w->browser.stage == eipBrowseNot && w->noBrowse < isSure)
+    if (w->browser.stage == eipBrowseNot && w->noBrowse < eipSilentTwice)
         w->browser.stage = eipBrowseProgram;
 }
 
@@ -259,7 +258,7 @@ static int browseList(eipWorker *w)
     if ((answer.status == eipSuccess || answer.status == eipPartial) && takeList(w, &answer))
         return 1;
     if (b->stage == eipBrowseTags && !b->next)
-        w->noBrowse = answer.status == eipNoService ? isSure : 0;
+        w->noBrowse = answer.status == eipNoService ? eipSilentTwice : 0;
     b->stage = nextProgram(w) ? eipBrowsePrograms : eipBrowseTemplates;
     return 1;
 }
@@ -356,7 +355,7 @@ static void learnStrings(eipWorker *w)
             const eipTemplate *t = w->tags.templates->table[k];
 
             if (t && t->handle == tag->handle && t->size == tag->size)
-                tag->characters = eipTemplateIsString(t);
+                tag->plain = !(tag->characters = eipTemplateIsString(t));
         }
     }
 }
@@ -427,7 +426,7 @@ static int lookAtProgram(eipWorker *w, epicsUInt64 now)
  * download, say. */
 static int browseProgram(eipWorker *w, epicsUInt64 now)
 {
-    int status = w->noProgram >= isSure || w->programRefused ? 1 : lookAtProgram(w, now);
+    int status = w->noProgram >= eipSilentTwice || w->programRefused ? 1 : lookAtProgram(w, now);
 
     if (status > 0 && w->browser.stage == eipBrowseProgram)
         w->browser.stage = eipBrowseTags;
@@ -437,7 +436,7 @@ static int browseProgram(eipWorker *w, epicsUInt64 now)
 /* All is known: is it still so? */
 static int browseAgain(eipWorker *w, epicsUInt64 now, epicsUInt64 *next)
 {
-    if (!w->now.relearn || w->noProgram >= isSure || w->noBrowse >= isSure ||
+    if (!w->now.relearn || w->noProgram >= eipSilentTwice || w->noBrowse >= eipSilentTwice ||
         (w->programRefused && !w->hadProgram))
         return 0;
     if (now < w->programDue) {
@@ -456,7 +455,7 @@ int eipBrowseStep(eipWorker *w, epicsUInt64 now, epicsUInt64 *next)
 {
     if (!w->taught || w->firstTurn)
         return 0;
-    if (w->noBrowse >= isSure)
+    if (w->noBrowse >= eipSilentTwice)
         w->browser.stage = eipBrowseDone;
     switch (w->browser.stage) {
     case eipBrowseProgram:

@@ -209,17 +209,25 @@ static void endTurn(eipWorker *w)
 
 /* --- Answers ---------------------------------------------------------------------------------- */
 
-/* A place has a value, for the first time or again: outputs that had none follow it. */
+/* A place has a value, for the first time or again: outputs that had none follow it, and what
+ * was refused before is of no interest any more. */
 static void good(eipWorker *w, const eipWant *want)
 {
     int changed = plcFaultsClear(w->setup.inFaults, want->place, want->room, NULL);
 
+    plcFaultsClear(w->setup.outFaults, want->place, want->room, NULL);
     if (!eipWorkerEnter(w))
         return;
     w->news.inFaults |= changed;
     w->news.outFaults = 1;
     w->hasNews = 1;
     epicsMutexUnlock(w->lock);
+}
+
+/* It will soon be known what structures are. */
+static int templatesCome(const eipWorker *w)
+{
+    return w->browser.stage != eipBrowseDone && w->noBrowse < eipSilentTwice;
 }
 
 static void storeUnit(eipWorker *w, eipUnit *u, const eipData *data)
@@ -233,6 +241,8 @@ static void storeUnit(eipWorker *w, eipUnit *u, const eipData *data)
         const eipWant *want = &t->wants[p->want];
         int wasBad = !w->in[want->place] && !w->in[want->place + 1];
 
+        if (want->kind == eipTextPlace && p->text == eipTextPerhaps && templatesCome(w))
+            continue;
         why = eipPieceStore(t, p, data->bytes, data->length, w->in);
         if (why)
             eipWorkerBad(w, want, why);

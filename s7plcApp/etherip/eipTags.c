@@ -90,6 +90,7 @@ static void forget(eipTag *tag)
     tag->retry = 0;
     tag->elements = tag->instance = 0;
     tag->code = tag->handle = tag->size = tag->template = tag->characters = 0;
+    tag->plain = 0;
     tag->apart = 0;
 }
 

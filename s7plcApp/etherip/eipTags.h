@@ -65,8 +65,12 @@ typedef struct eipTag {
     epicsUInt32 instance;  /* as listed; 0: not known */
     unsigned template;     /* of the root's structure, 0: none or not known */
     unsigned characters;   /* that a string has room for, 0: not known */
+    int plain;             /* a structure that is no string, as its template shows */
     int apart;             /* the PLC does not show its structure whole */
 } eipTag;
+
+/* Is a structure a string? Only its template shows it. */
+typedef enum { eipTextYes, eipTextNo, eipTextPerhaps } eipTextKind;
 
 /* A part of what a message reads: where it goes. */
 typedef struct eipPiece {
@@ -74,6 +78,7 @@ typedef struct eipPiece {
     epicsUInt32 offset; /* bytes in the data that was read */
     unsigned code, size; /* of an element */
     int bit;            /* of a BOOL in a byte; -1: none */
+    eipTextKind text;   /* of a structure */
 } eipPiece;
 
 /* What one service reads. */

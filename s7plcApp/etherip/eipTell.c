@@ -60,6 +60,7 @@ void eipWorkerBad(eipWorker *w, const eipWant *want, const char *reason)
     w->stored = 1;
     if (eipWorkerEnter(w)) {
         w->news.inFaults = 1;
+        w->news.outFaults = 1; /* outputs look, too */
         w->hasNews = 1;
         epicsMutexUnlock(w->lock);
     }

@@ -41,13 +41,20 @@ static void addPiece(eipTags *t, eipUnit *u, eipPiece piece)
     u->pieces++;
 }
 
+static eipTextKind textOf(const eipTag *tag)
+{
+    if (tag->code != eipStructureCode || tag->characters)
+        return eipTextYes;
+    return tag->plain ? eipTextNo : eipTextPerhaps;
+}
+
 static void addWish(eipTags *t, eipUnit *u, unsigned want)
 {
     const eipTag *tag = &t->tags[u->tag];
 
     addPiece(t, u,
              (eipPiece){want, (t->wants[want].index - u->first) * tag->size, tag->code,
-                        tag->size, -1});
+                        tag->size, -1, textOf(tag)});
 }
 
 static eipUnit *newUnit(eipTags *t, unsigned number, epicsUInt32 first, epicsUInt32 count)
@@ -235,7 +242,7 @@ static void makeWhole(eipTags *t, unsigned from, unsigned count, const member *m
             addPiece(t, u,
                      (eipPiece){want,
                                 m[i].place.offset + t->wants[want].index * tag->size,
-                                tag->code, tag->size, m[i].place.bit});
+                                tag->code, tag->size, m[i].place.bit, eipTextYes});
         }
     }
 }
@@ -500,6 +507,8 @@ const char *eipPieceStore(const eipTags *t, const eipPiece *p, const epicsUInt8 
     case eipCell:
         return storeCell(p, type, data + p->offset, place);
     case eipTextPlace:
+        if (p->text == eipTextNo)
+            return "the tag is a structure, no string";
         return storeText(type, data + p->offset,
                          type->code == eipStructureCode ? p->size : length - p->offset,
                          place, want->room);

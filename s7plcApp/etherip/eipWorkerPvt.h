@@ -24,7 +24,8 @@
 enum {
     eipClassesMax = 64, /* periods that differ; more share the fastest that is left */
     eipPlansMax = 32,
-    eipMessageMax = 65500
+    eipMessageMax = 65500,
+    eipSilentTwice = 2 /* a PLC that was silent so often, when it was asked for this */
 };
 
 /* All units of one period. */

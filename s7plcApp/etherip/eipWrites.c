@@ -15,7 +15,6 @@
 
 enum {
     takenMost = 500, /* puts that leave together */
-    isSure = 2,
     writeHead = 2 + 2 + 2 /* service, type, count */
 };
 
@@ -483,7 +482,7 @@ static void takeItem(eipWorker *w, unsigned i, const eipAnswer *answer, void *ar
 
     b->sent = 1;
     if (it->kind == itemBits && answer->status == eipNoService) {
-        w->noModify = isSure;
+        w->noModify = eipSilentTwice;
         writeBits(w, it);
         return;
     }
@@ -515,9 +514,9 @@ static int sendBatch(eipWorker *w, batch *b)
         const item *it = &b->items[b->from];
 
         for (n = 1; b->from + n < b->count && bins[b->from + n] == bins[b->from]; n++)
-            if (w->noModify >= isSure && b->items[b->from + n].kind == itemBits)
+            if (w->noModify >= eipSilentTwice && b->items[b->from + n].kind == itemBits)
                 break;
-        if (it->kind == itemBits && w->noModify >= isSure) {
+        if (it->kind == itemBits && w->noModify >= eipSilentTwice) {
             n = 1;
             status = writeBits(w, it);
         } else if (!eipFitsAlone(&loads[b->from], &w->limits)) {

@@ -503,6 +503,67 @@ def test_text_into_structure(plant):
     assert plant.tag("X.Pos") == "0" and plant.tag("X.Speed") == "0"
 
 
+def test_text_of_structure(plant):
+    """A text record on a structure that is no string says so, and never shows an empty text as good"""
+    plant.tags("udt Axis Pos:DINT Speed:DINT", "udt Name string 10", "tag X Axis", "tag N Name = abc",
+               "udt Motor Label:Name Speed:DINT", "tag M Motor")
+    plant.records(rec("stringin", "s", "X S 0.02"), rec("lsi", "l", "X S 0.02", "SIZV=50"),
+                  rec("stringin", "n", "N S 0.02"), rec("stringin", "m", "M.Label S 0.02"))
+    plant.ioc.wait_alarm("s", "INVALID", "READ", "the tag is a structure, no string")
+    plant.ioc.wait_alarm("l", "INVALID", "READ", "the tag is a structure, no string")
+    plant.ioc.wait_value("n", "abc")
+    plant.set("M.Label", "xyz")
+    plant.ioc.wait_value("m", "xyz")
+    assert plant.ioc.severity("n") == plant.ioc.severity("m") == "NO_ALARM"
+
+
+def test_output_whose_tag_vanishes(plant):
+    """An output whose tag vanishes has an alarm with the reason, until it is back"""
+    plant.tags("tag A DINT = 5", "tag B DINT = 6", "tag S STRING = \"text\"")
+    plant.records(rec("longout", "a", "A S 0.05", "HIGH=10", "HSV=MINOR"), rec("longout", "b", "B S 0.05"),
+                  rec("stringout", "s", "S S 0.05"))
+    plant.ioc.wait_value("a", 5)
+    plant.ioc.wait_value("s", "text")
+    plant.sim.command("etherip remove A")
+    plant.sim.command("etherip remove S")
+    for name in ("a", "s"):
+        plant.ioc.wait_alarm(name, "INVALID", "READ", "no such tag")
+    assert plant.ioc.severity("b") == "NO_ALARM"
+    plant.ioc.put("a", 7)
+    plant.ioc.wait_alarm("a", "INVALID", "WRITE", "no such tag")
+    plant.sim.command("etherip tag A DINT = 20")
+    plant.sim.command('etherip tag S STRING = "text"')
+    plant.sim.command("etherip download")
+    plant.ioc.wait_value("a", 20)
+    plant.ioc.wait_alarm("a", "MINOR", "HIGH")
+    plant.ioc.wait_alarm("s", "NO_ALARM")
+    plant.sim.command("etherip remove A")
+    plant.ioc.wait_alarm("a", "INVALID", "READ", "no such tag")
+    plant.sim.command("etherip tag A DINT = 20")
+    plant.sim.command("etherip download")
+    plant.ioc.wait_alarm("a", "MINOR", "HIGH")
+
+
+def test_limits_of_followers(plant):
+    """The alarm of an output that follows is that of the value it shows, never of the one before"""
+    plant.tags("tag A REAL = 5", "tag B DINT = 5", "tag F DINT = 5")
+    limits = ("HIGH=10", "HSV=MINOR", "HIHI=100", "HHSV=MAJOR")
+    plant.records(rec("ao", "a", "A S 0.02", *limits), rec("longout", "b", "B S 0.02", *limits),
+                  rec("longout", "f", "F S 0.02 FORCE", *limits))
+    plant.ioc.wait_value("a", 5.0)
+    plant.ioc.wait_value("b", 5)
+    plant.ioc.put("f", 50)
+    plant.wait_tag("F", "50")
+    for value, alarm in ((20, "MINOR"), (200, "MAJOR"), (3, "NO_ALARM"), (11, "MINOR")):
+        for name, tag in (("a", "A"), ("b", "B"), ("f", "F")):
+            plant.set(tag, value)
+        plant.ioc.wait_value("a", value)
+        plant.ioc.wait_value("b", value)
+        assert plant.ioc.severity("a") == plant.ioc.severity("b") == alarm
+        plant.wait_tag("F", "50")
+        assert plant.ioc.get("f") == 50 and plant.ioc.severity("f") == "MINOR"
+
+
 def test_put_callback(plant):
     """A put with callback ends when the PLC has the value, or has refused it"""
     plant.tags("tag A DINT", "tag B BOOL[32]", "tag Ro DINT readonly", "tag S STRING")

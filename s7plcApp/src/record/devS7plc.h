@@ -91,6 +91,8 @@ typedef struct devRecord {
     /* a wire that has links of its own */
     void *own; /* what its resolve has made, */
     void (*forget)(struct devRecord *dev); /* and what ends it; NULL: nothing */
+    /* Outputs: returns 1 when the PLC does not show their place, and why. NULL: it does. */
+    int (*unseen)(const struct devRecord *dev, char reason[PLC_REASON_SIZE]);
 } devRecord;
 
 /* One row per record type. A dset (its head is all that Base sees), with what the generic
@@ -127,6 +129,9 @@ typedef struct devSupport {
      * faults, type, offset, length, order, mask). Returns 0 or -1 with *error. NULL:
      * "@PLC/offset ...". */
     int (*resolve)(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *error);
+    /* Outputs that may decide not to follow: will it take the PLC's value, when it processes to
+     * follow? NULL: always. */
+    int (*follows)(const dbCommon *prec);
 } devSupport;
 
 static inline const devSupport *devSupportOf(const dbCommon *prec)
@@ -211,6 +216,10 @@ long devAway(dbCommon *prec, devRecord *dev, const char *reason);
 /* The PLC has refused the last value of this place: raises WRITE_ALARM, which ends when it
  * has taken another. Returns -1; or 0 when it has not. */
 long devRefused(dbCommon *prec, devRecord *dev);
+
+/* The PLC does not show this place: raises READ_ALARM, which ends when it does. Returns -1; or 0
+ * when it shows it. */
+long devUnseen(dbCommon *prec, devRecord *dev);
 
 /* The PLC is back, or has refused something or taken it: raises and ends the alarms of its
  * outputs. In a callback thread. */

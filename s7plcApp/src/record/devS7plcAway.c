@@ -1,6 +1,6 @@
 /* Output records whose alarm depends on what becomes of their value after they processed: it
  * waits for the PLC, and the alarm ends when the PLC is back; or the PLC refused it, and the
- * alarm begins then, and ends when it has taken another.
+ * alarm begins then, and ends when it has taken another; or the PLC does not show it any more.
  *
  * The value itself is in the output image; nothing is written or processed here.
  */
@@ -56,14 +56,21 @@ long devRefused(dbCommon *prec, devRecord *dev)
     return isRefused(dev, reason) ? raiseAlarm(prec, dev, WRITE_ALARM, reason) : 0;
 }
 
-/* The record is locked and does not process. Its alarm becomes that of its value, or the
- * one for a refusal. */
-static void settle(dbCommon *prec, devRecord *dev, const char *refusal)
+long devUnseen(dbCommon *prec, devRecord *dev)
+{
+    char reason[PLC_REASON_SIZE];
+
+    return dev->unseen && dev->unseen(dev, reason) ? raiseAlarm(prec, dev, READ_ALARM, reason) : 0;
+}
+
+/* The record is locked and does not process. Its alarm becomes that of its value, or this one
+ * (0: none). */
+static void settle(dbCommon *prec, devRecord *dev, epicsEnum16 alarm, const char *reason)
 {
     int replaced = prec->stat != dev->raised; /* another one has come in its place */
 
     dev->raised = 0;
-    if (replaced && !refusal)
+    if (replaced && !alarm)
         return;
     if (replaced) {
         dev->hiddenStatus = prec->stat;
@@ -72,8 +79,8 @@ static void settle(dbCommon *prec, devRecord *dev, const char *refusal)
     plcClearMessage(prec);
     prec->nsta = dev->hiddenStatus;
     prec->nsev = dev->hiddenSeverity;
-    if (refusal)
-        raiseAlarm(prec, dev, WRITE_ALARM, refusal);
+    if (alarm)
+        raiseAlarm(prec, dev, alarm, reason);
     devStamp(prec); /* archivers drop what is older than what they have */
     if (recGblResetAlarms(prec))
         db_post_events(prec, NULL, DBE_ALARM);
@@ -83,15 +90,18 @@ static void update(dbCommon *prec, const plcStation *station)
 {
     devRecord *dev = prec->dpvt;
     char reason[PLC_REASON_SIZE];
-    int refused;
+    epicsEnum16 alarm = 0;
 
     if (!dev || dev->station != station || prec->pact)
         return;
     if (dev->raised == COMM_ALARM && isAway(dev))
         return;
-    refused = isRefused(dev, reason);
-    if (dev->raised || refused)
-        settle(prec, dev, refused ? reason : NULL);
+    if (isRefused(dev, reason))
+        alarm = WRITE_ALARM;
+    else if (dev->unseen && dev->unseen(dev, reason))
+        alarm = READ_ALARM;
+    if (dev->raised || alarm)
+        settle(prec, dev, alarm, reason);
     if (!dev->faults)
         devListLeave(dev, devWaiting);
 }

@@ -59,9 +59,8 @@ static void followByProcess(dbCommon *prec, devRecord *dev)
     if (pulse)
         *pulse = 0; /* what the PLC shows is no put, at whose end another one follows */
     dev->following = 1;
-    /* Already here, since the record looks at its limits before it writes. Who has links of its
-     * own may decide otherwise when it writes. */
-    if (!support->resolve)
+    /* Already here, since the record looks at its limits before it writes. */
+    if (!support->follows || support->follows(prec))
         devTakeValue(prec, dev);
     prec->udf = FALSE; /* it is about to get a value: no IVOA for want of one */
     dbProcess(prec);
