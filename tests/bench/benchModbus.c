@@ -8,12 +8,13 @@
 
 #include "benchModbus.h"
 
-#define REGISTERS 256
+#define REGISTERS 2048
+#define POLLED 16 /* the first of the registers that are polled; those before are written */
 #define FRAME 260 /* bytes, the longest */
 
 static unsigned char memory[2 * REGISTERS];
 static unsigned char in[FRAME];
-static int fill;
+static int fill, polled, changing;
 
 static int word(const unsigned char *at)
 {
@@ -23,6 +24,25 @@ static int word(const unsigned char *at)
 void modbusBegin(void)
 {
     fill = 0;
+}
+
+void modbusPolled(int count, int change)
+{
+    polled = count;
+    changing = change;
+}
+
+/* A new value in those that change, evenly spread. */
+static void change(void)
+{
+    int i;
+
+    for (i = 0; i < changing; i++) {
+        unsigned char *at = memory + 2 * (POLLED + (int)((long)i * polled / changing));
+
+        if (++at[1] == 0)
+            at[0]++;
+    }
 }
 
 /* The answer to the request at `in` behind its header, made in `out`: its length. */
@@ -42,6 +62,8 @@ static int answer(unsigned char *out, void (*put)(const unsigned char *))
     }
     out[0] = (unsigned char)function;
     if (function == 3) {
+        if (start == POLLED)
+            change();
         out[1] = (unsigned char)(2 * count);
         memcpy(out + 2, memory + 2 * start, 2 * count);
         return 2 + 2 * count;

@@ -18,7 +18,8 @@
  *     drop              closes the connections of all stations  "dropped"
  *     run RATE COUNT    COUNT blocks per station, RATE/s each   "sent N late MS"
  *     clear             forgets the puts seen                   "cleared"
- *     puts              latency of the puts seen, ms        "puts N P50 P99 MAX BLOCKS"
+ *     puts              latency of the puts seen, ms        "puts N P50 P99 MAX BLOCKS P98"
+ *     modbus N CHANGING of N registers behind the first 16, so many change with each poll
  */
 #include <arpa/inet.h>
 #include <errno.h>
@@ -271,18 +272,22 @@ static void printPuts(void)
     int n = numSamples;
 
     qsort(samples, n, sizeof(double), compare);
-    printf("puts %d %.4f %.4f %.4f %ld\n", n, n ? 1e3 * samples[n / 2] : 0,
-           n ? 1e3 * samples[n * 99 / 100] : 0, n ? 1e3 * samples[n - 1] : 0, outBlocks);
+    printf("puts %d %.4f %.4f %.4f %ld %.4f\n", n, n ? 1e3 * samples[n / 2] : 0,
+           n ? 1e3 * samples[n * 99 / 100] : 0, n ? 1e3 * samples[n - 1] : 0, outBlocks,
+           n ? 1e3 * samples[n * 98 / 100] : 0);
 }
 
 /* --- Loop -------------------------------------------------------------------------- */
 
 static void command(char *line)
 {
-    int count;
+    int count, change;
 
     if (sscanf(line, "run %lf %d", &rate, &count) == 2) {
         startRun(count);
+    } else if (sscanf(line, "modbus %d %d", &count, &change) == 2) {
+        modbusPolled(count, change);
+        printf("polled\n");
     } else if (strncmp(line, "wait", 4) == 0) {
         waiting = 1;
     } else if (strncmp(line, "drop", 4) == 0) {

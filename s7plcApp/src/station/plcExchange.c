@@ -45,6 +45,8 @@ void plcExchangeCreate(plcStation *s, const plcTransport *transport, const void 
     x->image = x->output + s->outSize;
     x->mask = x->image + s->outSize;
     plcImageKeepPuts(s->out, PLC_PUTS_MAX);
+    if (transport->takesPuts)
+        s->options.holdoff = 0; /* what comes while a request is under way gathers anyway */
     setup.out = s->out;
     x->pvt = transport->create(&setup, own);
     s->exchange = x;
