@@ -1,161 +1,304 @@
-"""Random puts from several clients into one Modbus device that delays, refuses, closes and answers twice:
-what the device has got is what was put, in its order.
+"""Random sequences of puts from several clients into registers and coils of one Modbus device that delays,
+refuses, closes and answers twice: what the device has got is what device support was given, in its order.
 
-pymodbus's server is the judge: its log of requests, not plcSim. A long run by hand, with a seed:
-    PLCLINK_PUTS=10000 PLCLINK_SEED=42 nice tests/run system -k modbus_stress
+pymodbus's server is the judge: its log of requests, not plcSim. What device support was given is what the IOC
+logs with log=io. A long run by hand, with a seed:
+    PLCLINK_SEQUENCES=10000 PLCLINK_SEED=42 nice tests/run system -k random_sequences
 """
 import os
 import random
+import re
 import threading
 import time
+from itertools import groupby
 
 import pytest
+from epics import ca
 
-from waiting import until
+from waiting import LIMIT, until
 
-PUTS = int(os.environ.get("PLCLINK_PUTS", 600))
+SEQUENCES = int(os.environ.get("PLCLINK_SEQUENCES", 60))
 SEED = int(os.environ.get("PLCLINK_SEED", 1))
 CLIENTS = 3
-WORDS, COILS, BITS = 6, 6, 4  # of each client: registers, coils, bits of a register
+PUTS = 6                       # of a client in a sequence, at most
+WORDS, COILS, BITS = 4, 3, 3   # of each owner: registers, coils, bits of a register
 
-OUTPUTS = (f"holding 0 {CLIENTS * (WORDS + 1)}, coils 50 {8 * CLIENTS} at 100")
+OWNERS = CLIENTS + 1           # the last one's records belong to all clients
+OUTPUTS = f"holding 0 {OWNERS * (WORDS + 1)}, coils 50 {8 * OWNERS} at 100"
+KINDS = (("w", WORDS), ("b", BITS), ("k", COILS))
 
 
-def records():
+def names_of(owner):
+    return [f"{owner}{kind}{i}" for kind, count in KINDS for i in range(count)]
+
+
+def place_of(name):
+    """(table, address, bit) of a record."""
+    owner, kind, n = int(name[0]), name[1], int(name[2:])
+    base = owner * (WORDS + 1)
+    return {"w": ("holding", base + n, None), "b": ("holding", base + WORDS, n),
+            "k": ("coils", 50 + 8 * owner + n, None)}[kind]
+
+
+def database():
     lines = []
-    for client in range(CLIENTS):
-        base = client * (WORDS + 1)
-        lines += [f'record(longout, "$(P)c{client}w{i}") {{ field(DTYP, "S7plc") field(OUT, "@PLC/{2 * (base + i)} T=UINT16") }}'
-                  for i in range(WORDS)]
-        lines += [f'record(bo, "$(P)c{client}b{i}") {{ field(DTYP, "S7plc") field(OUT, "@PLC/{2 * (base + WORDS)} T=WORD B={i}") }}'
-                  for i in range(BITS)]
-        lines += [f'record(bo, "$(P)c{client}k{i}") {{ field(DTYP, "S7plc") field(OUT, "@PLC/{100 + client} T=BYTE B={i}") }}'
-                  for i in range(COILS)]
-    lines += ['record(longin, "$(P)waiting") { field(DTYP, "S7plc stats") field(INP, "@PLC/putsWaiting") field(SCAN, ".1 second") }']
+    for owner in range(OWNERS):
+        base = 2 * owner * (WORDS + 1)
+        link = {"w": lambda i: ("longout", f"@PLC/{base + 2 * i} T=UINT16"),
+                "b": lambda i: ("bo", f"@PLC/{base + 2 * WORDS} T=WORD B={i}"),
+                "k": lambda i: ("bo", f"@PLC/{100 + owner} T=BYTE B={i}")}
+        for name in names_of(owner):
+            rtype, text = link[name[1]](int(name[2:]))
+            lines.append(f'record({rtype}, "$(P){name}") {{ field(DTYP, "S7plc") field(OUT, "{text}") }}')
+    lines.append('record(longin, "$(P)waiting") { field(DTYP, "S7plc stats") field(INP, "@PLC/putsWaiting") }')
     return "\n".join(lines)
 
 
-def place(client, name):
-    """(table, address, bit) of a record's name without its client."""
-    base, n = client * (WORDS + 1), int(name[1:])
-    return {"w": ("holding", base + n, None), "b": ("holding", base + WORDS, n),
-            "k": ("coils", 50 + 8 * client + n, None)}[name[0]]
+def given_in(log):
+    """What device support was given: (place, value) of each line of log=io, as it came."""
+    found = []
+    for offset, data, mask in re.findall(r"put +(\d+): ([0-9A-F ]+?)(?: mask ([0-9A-F ]+))?$", log, re.M):
+        offset, value = int(offset), int.from_bytes(bytes.fromhex(data), "big")
+        bits = int.from_bytes(bytes.fromhex(mask or ""), "big")
+        bit = bits.bit_length() - 1
+        if offset >= 100:
+            where = ("coils", 50 + 8 * (offset - 100) + bit, None)
+        else:
+            where = ("holding", offset // 2, bit if bits else None)
+        found.append((where, value >> bit & 1 if bits else value))
+    return found
 
 
 class Trouble:
-    """What the device does wrong, at random: a delay, a refusal, a close, an answer twice."""
+    """What the device does wrong, at random; and what came of each write: `attempts` are (sequence, what it writes),
+    `last` is the code of the exception (0: none) of the last attempt at a place."""
 
-    def __init__(self, plc, chance, refusals):
-        self.plc, self.chance, self.refusals, self.on, self.lock = plc, chance, refusals, True, threading.Lock()
-        self.taken = []  # of each write that was answered well: (place, value) of what it wrote
-        self.plc.mangle = self.mangle
-        self.judge, self.plc.judge = self.plc.judge, self.refuse
-        self.refused = 0
+    def __init__(self, plc, chance):
+        self.plc, self.chance = plc, chance
+        self.sequence, self.attempts, self.last = 0, [], {}
+        self.count = {what: 0 for what in ("delay", "refusal", "twice", "close behind", "close before")}
+        self.closed = True  # what is closed before it has answered once is a loss
+        plc.judge, plc.mangle = self.judge, self.mangle
 
-    def refuse(self, request):
-        if self.on and self.refusals and request.writes and self.chance.random() < 0.05:
-            self.refused += 1
-            return self.chance.choice([2, 3, 4])
-        return 0
+    def happens(self, what, probability):
+        happens = self.chance.random() < probability
+        self.count[what] += happens
+        return happens
+
+    def judge(self, request):
+        code = 0
+        if request.writes:
+            if self.happens("refusal", 0.06):
+                code = self.chance.choice([2, 3, 4])
+            items = self.items(request)
+            self.attempts.append((self.sequence, items))
+            self.last.update({where: code for where, _ in items})
+        return code
 
     def mangle(self, request, frame):
-        if frame[7] < 0x80 and request.writes:
-            self.take(request)
-        if not self.on:
-            return frame
-        dice = self.chance.random()
-        if dice < 0.05:
-            time.sleep(self.chance.random() * 0.01)  # a late answer
-        elif dice < 0.10:
+        """A close never comes twice in a row: then the connection is lost, and puts may be."""
+        was, self.closed = self.closed, False
+        if self.happens("delay", 0.05):
+            time.sleep(self.chance.random() * 0.01)
+        if self.happens("twice", 0.05):
             return frame + frame
-        elif dice < 0.14:
-            handler = self.plc.handlers[-1]
+        handler = self.plc.handlers[-1]
+        if not was and self.happens("close behind", 0.04):
+            self.closed = True
             self.plc.loop.call_soon(lambda: (handler.send(frame), handler.drop(reset=False)))
+            return b""
+        if not was and self.happens("close before", 0.04):
+            self.closed = True
+            self.plc.loop.call_soon(lambda: handler.drop(reset=False))
             return b""
         return frame
 
-    def take(self, request):
+    def items(self, request):
         if request.function == 22:
             kept, value = request.values
-            what = [(("holding", request.start, bit), value >> bit & 1) for bit in range(16) if not kept >> bit & 1]
-        else:
-            what = [((request.table, a, None), int(v)) for a, v in zip(request.addresses(), request.values)]
-        self.taken.append(what)
+            return [(("holding", request.start, bit), value >> bit & 1) for bit in range(16) if not kept >> bit & 1]
+        return [((request.table, a, None), int(v)) for a, v in zip(request.addresses(), request.values)]
 
 
-def client_puts(ioc, client, seed, puts, made, wait):
-    """One client: puts, each with completion or none; notes what was put and what became of it."""
-    chance = random.Random(seed)
-    names = ([f"w{i}" for i in range(WORDS)] + [f"b{i}" for i in range(BITS)] + [f"k{i}" for i in range(COILS)])
-    for _ in range(puts):
-        name = chance.choice(names)
-        value = chance.randrange(65536) if name[0] == "w" else chance.randrange(2)
-        ioc.put(f"c{client}{name}", value, wait=wait)
-        alarm = ioc.alarm(f"c{client}{name}") if wait else ("NO_ALARM", "", "")
-        made.append((place(client, name), value, alarm))
+class Client(threading.Thread):
+    """A CA client of its own, with its own connection to the IOC. Its own records and those of all."""
+
+    def __init__(self, number, ioc, trouble, seed, acknowledged, barrier):
+        super().__init__(daemon=True)
+        self.number, self.ioc, self.trouble = number, ioc, trouble
+        self.chance, self.acknowledged, self.barrier = random.Random(seed), acknowledged, barrier
+        self.made = {}      # sequence: (place, value) of its own records, where it knows their order
+        self.touched, self.channels = set(), {}
+        self.error = None
+
+    def run(self):
+        ca.create_context()
+        try:
+            self.channels = {name: ca.create_channel(self.ioc.P + name)
+                             for name in names_of(self.number) + names_of(CLIENTS)}
+            for name, channel in self.channels.items():
+                assert ca.connect_channel(channel, timeout=LIMIT), name
+            for sequence in range(SEQUENCES):
+                self.barrier.wait(LIMIT)
+                self.sequence(sequence)
+                self.barrier.wait(LIMIT)
+        except BaseException as error:  # told by the main thread
+            self.error = error
+            self.barrier.abort()
+        finally:
+            for channel in self.channels.values():
+                ca.clear_channel(channel)
+
+    def sequence(self, sequence):
+        waits = self.chance.random() < 0.6 or not self.acknowledged
+        made = []
+        if waits:
+            self.made[sequence] = made
+        for _ in range(self.chance.randint(1, PUTS)):
+            owner = CLIENTS if self.chance.random() < 0.3 else self.number
+            name = self.chance.choice(names_of(owner))
+            value = self.chance.randrange(65536) if name[1] == "w" else self.chance.randrange(2)
+            wait = self.acknowledged and (waits or self.chance.random() < 0.5)
+            self.touched.add(name)
+            ca.put(self.channels[name], value, wait=wait, timeout=LIMIT)
+            if not self.acknowledged:
+                ca.flush_io()
+            if owner == self.number:
+                made.append((place_of(name), value))
+            if owner == self.number and wait:
+                self.check(sequence, name, value)
+
+    def check(self, sequence, name, value):
+        """The put has ended: the alarm is that of the device's answer to it."""
+        code = self.trouble.last.get(place_of(name))
+        channel = self.channels[name]
+        now = ca.get_with_metadata(channel, ftype=ca.promote_type(channel, use_time=True), timeout=LIMIT)
+        assert now["value"] == value, f"sequence {sequence}: {name} is {now['value']}, put was {value}"
+        assert (now["severity"] != 0) == (code != 0), \
+            f"sequence {sequence}: {name} has severity {now['severity']}; the device said {code}"
 
 
-@pytest.mark.parametrize("complete", ["acknowledged", "sent"])
-def test_random_puts(new_modbus, new_ioc, complete):
-    """random puts of three clients, complete={complete}: the device gets each value that it did not refuse, in its order, and no other"""
-    print(f"PLCLINK_PUTS={PUTS} PLCLINK_SEED={SEED}")
-    chance = random.Random(SEED)
+class Operator:
+    """Looks at many records at once."""
+
+    def __init__(self, ioc, trouble):
+        self.ioc, self.trouble = ioc, trouble
+        self.fields = {(name, field): ca.create_channel(ioc.P + name + field) for name in
+                       ["waiting"] + [name for o in range(OWNERS) for name in names_of(o)]
+                       for field in ("", ".PROC", ".PACT", ".SEVR", ".AMSG")}
+        for channel in self.fields.values():
+            assert ca.connect_channel(channel, timeout=LIMIT)
+
+    def get(self, names, field):
+        channels = [self.fields[name, field] for name in names]
+        for channel in channels:
+            ca.get(channel, wait=False, as_string=field != ".PACT")
+        return [ca.get_complete(channel, timeout=LIMIT, as_string=field != ".PACT") for channel in channels]
+
+    def idle(self, names):
+        ca.put(self.fields["waiting", ".PROC"], 1, wait=True, timeout=LIMIT)
+        return self.get(["waiting"], "") == ["0"] and not any(self.get(names, ".PACT"))
+
+    def alarms(self, names):
+        return dict(zip(names, zip(self.get(names, ".SEVR"), self.get(names, ".AMSG"))))
+
+    def wrong(self, names):
+        """Records whose alarm is not that of the last answer to a write of them."""
+        found = []
+        for name, (severity, text) in self.alarms(names).items():
+            code = self.trouble.last[place_of(name)]
+            if severity != ("INVALID" if code else "NO_ALARM") or code and f"exception {code}" not in text:
+                found.append((name, severity, text, code))
+        return found
+
+    def settle(self, names):
+        until(lambda: self.idle(names), "no put that waits")
+        until(lambda: not self.wrong(names), lambda: f"alarms: {self.wrong(names)}")
+
+
+@pytest.mark.parametrize("complete,writes", [("acknowledged", "all"), ("sent", "all"), ("acknowledged", "newest")])
+def test_random_sequences(new_modbus, new_ioc, complete, writes):
+    """random sequences of puts of three clients, complete={complete} writes={writes}: the device gets what device support was given, in its order, and no other; the alarm is that of the last answer"""
+    print(f"PLCLINK_SEQUENCES={SEQUENCES} PLCLINK_SEED={SEED}")
     plc = new_modbus()
-    wait = complete == "acknowledged"
-    trouble = Trouble(plc, chance, refusals=wait)
-    ioc = new_ioc(plc.configure("", OUTPUTS) + "\ns7plcSetOption PLC writes all\ns7plcSetOption PLC complete " + complete,
-                  records())
+    ioc = new_ioc("errlogInit 20000000\n" + plc.configure("", OUTPUTS, timeout=5000) + f"""
+        s7plcSetOption PLC writes {writes}
+        s7plcSetOption PLC complete {complete}
+        s7plcSetOption PLC log io""", database())
     until(lambda: plc.answers >= 2, "the first reads")
-    made = [[] for _ in range(CLIENTS)]
-    for c in range(CLIENTS):
-        ioc.connect([f"c{c}{n}{i}{f}" for n, k in (("w", WORDS), ("b", BITS), ("k", COILS)) for i in range(k)
-                     for f in ("", ".SEVR", ".STAT", ".AMSG")])
-    from epics import ca  # each client is a thread with the one context
-
-    def run(client):
-        ca.use_initial_context()
-        client_puts(ioc, client, SEED * 1000 + client, PUTS // CLIENTS, made[client], wait)
-    threads = [threading.Thread(target=run, args=(c,)) for c in range(CLIENTS)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    waiting = ioc.pv("waiting")
-    until(lambda: waiting.get() == 0, "no put that waits")
-    trouble.on = False
-    judge(trouble, made)
-    assert trouble.refused or not wait
-    assert "disconnected" not in ioc.log
-
-
-def judge(trouble, made):
-    """Each client's puts that were not refused are in the device's log in their order; nothing else is there."""
-    for client, puts in enumerate(made):
-        own = {place(client, f"{kind}{i}") for kind, count in (("w", WORDS), ("b", BITS), ("k", COILS))
-               for i in range(count)}
-        wanted = []
-        for where, value, alarm in puts:
-            assert alarm[0] in ("NO_ALARM", "INVALID"), alarm
-            if alarm[0] == "NO_ALARM":
-                wanted.append((where, value))
-            else:
-                assert alarm[1] == "WRITE" and "exception" in alarm[2], alarm
-        requests = [[item for item in request if item[0] in own] for request in trouble.taken]
-        compare(client, wanted, [request for request in requests if request])
+    trouble = Trouble(plc, random.Random(SEED))
+    operator = Operator(ioc, trouble)
+    barrier = threading.Barrier(CLIENTS + 1)
+    clients = [Client(c, ioc, trouble, SEED * 1000 + c, complete == "acknowledged", barrier) for c in range(CLIENTS)]
+    for client in clients:
+        client.start()
+    try:
+        for trouble.sequence in range(SEQUENCES):
+            barrier.wait(LIMIT)
+            barrier.wait(LIMIT)
+            operator.settle(sorted(set().union(*(client.touched for client in clients))))
+            for client in clients:
+                client.touched.clear()
+    except threading.BrokenBarrierError:
+        pass
+    for client in clients:
+        client.join(LIMIT)
+        if client.error and not isinstance(client.error, threading.BrokenBarrierError):
+            raise client.error
+    ioc.command("")
+    given = given_in(ioc.log)
+    judge_places(given, trouble, writes == "all")
+    for client in clients:
+        if writes == "all":
+            judge_order(client, trouble)
+    assert all(trouble.count.values()), trouble.count
+    assert "disconnected" not in ioc.log and "discarded" not in ioc.log
+    print(f"{len(given)} puts, {len(trouble.attempts)} requests, {trouble.count}")
 
 
-def compare(client, wanted, requests):
-    """What one request has written is written at once: its puts have no order in it. A value that is there already
-    may come again: it is no edge."""
-    state, at = {}, 0
-    for request in requests:
-        first = at
-        while at < len(wanted) and wanted[at] in request:
-            at += 1
-        strange = [item for item in request if item not in wanted[first:at] and state.get(item[0]) != item[1]]
-        assert not strange, f"client {client}: the device got {request}; put was {wanted[first:first + 4]}"
-        state.update(request)
-    assert at == len(wanted), f"client {client}: the device never got {wanted[at:at + 4]}"
+def changes(values):
+    return [value for value, _ in groupby(values)]
+
+
+def judge_places(given, trouble, every):
+    """Of each place: each value that was given was tried, in its order, and no other; it holds the last one that the
+    device took. Of numbers, without writes=all, those that were tried are in their order, and the last one is there."""
+    wanted, tried = {}, {}
+    for where, value in given:
+        wanted.setdefault(where, []).append(value)
+    for _, items in trouble.attempts:
+        for where, value in items:
+            tried.setdefault(where, []).append(value)
+    assert set(tried) == set(wanted)
+    for where, values in wanted.items():
+        if every or where[2] is not None or where[0] == "coils":
+            assert changes(tried[where]) == changes(values), where
+        else:
+            rest = iter(values)
+            assert all(value in rest for value in changes(tried[where])), where
+            assert tried[where][-1] == values[-1], where
+
+
+def judge_order(client, trouble):
+    """A client's puts were tried in the order in which it made them, over all tables. What one request writes is
+    written at once. What was tried may come again: after a close, or as a part of a request that was refused."""
+    own = {place_of(name) for name in names_of(client.number)}
+    tried, state = {}, {}
+    for sequence, items in trouble.attempts:
+        tried.setdefault(sequence, []).append([item for item in items if item[0] in own])
+    for sequence in range(SEQUENCES):
+        wanted, at = client.made.get(sequence), 0
+        for items in tried.get(sequence, []):
+            first = at
+            while wanted and at < len(wanted) and wanted[at] in items:
+                at += 1
+            strange = [item for item in items if wanted is not None and item not in wanted[first:at] and
+                       state.get(item[0]) != item[1]]
+            assert not strange, \
+                f"sequence {sequence}, client {client.number}: the device got {items}; put was {wanted[first:first + 4]}"
+            state.update(items)
+        assert wanted is None or at == len(wanted), \
+            f"sequence {sequence}, client {client.number}: the device never got {wanted[at:at + 4]}"
 
 
 def test_exit_with_puts(new_modbus, new_ioc):

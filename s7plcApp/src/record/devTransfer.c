@@ -82,7 +82,9 @@ long devStore(dbCommon *prec, const void *bytes, const void *mask)
         dev->mark.number = 0; /* nobody knows when it will leave */
     if (reason[0])
         return devAway(prec, dev, reason);
-    return dev->mark.number ? 0 : devRefused(prec, dev); /* else the answer will say */
+    if (!dev->mark.number)
+        devRefused(prec, dev); /* of an earlier put; this one has been taken */
+    return 0;
 }
 
 long devStoreInt(dbCommon *prec, epicsInt64 value, epicsUInt64 mask)
