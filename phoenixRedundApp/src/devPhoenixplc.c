@@ -121,6 +121,8 @@ static void backupLinkText(const phoenixStatus *s, char text[TEXT_SIZE])
 
     if (s->backup == phoenixNoPartner || s->primary == pairNobody)
         epicsSnprintf(text, TEXT_SIZE, "%s", phoenixBackupText[s->backup]);
+    else if (s->twoPrimaries)
+        epicsSnprintf(text, TEXT_SIZE, "both PLCs send");
     else
         epicsSnprintf(text, TEXT_SIZE, "%s",
                       words[s->connected[who] != 0][s->reachable[who]]);

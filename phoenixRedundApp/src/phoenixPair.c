@@ -157,7 +157,7 @@ static phoenixBackup backupOf(const phoenixPair *p)
     const phoenixStatus *s = &p->status;
     int who = !s->primary;
 
-    if (s->primary == pairNobody)
+    if (s->primary == pairNobody || s->twoPrimaries)
         return phoenixUnknown;
     if (!s->connected[who] || s->reachable[who] == phoenixNoAnswer)
         return who ? phoenixSecondUnlinked : phoenixFirstUnlinked;

@@ -19,7 +19,7 @@ typedef enum {
     phoenixSecondUnlinked,
     phoenixFirstLinked, /* FIRST is BACKUP, ready to take over */
     phoenixSecondLinked,
-    phoenixUnknown /* nobody leads, or the BACKUP has not answered yet */
+    phoenixUnknown /* nobody leads, both do, or the BACKUP has not answered yet */
 } phoenixBackup;
 
 typedef enum { phoenixNoAnswer, phoenixAnswers, phoenixNotKnown } phoenixReach;

@@ -4,6 +4,7 @@
     s7plcApp/op/generate.py                         all of them, into the folders here
     s7plcApp/op/generate.py --check                 says which differ; status 1
     s7plcApp/op/generate.py --plcs FILE -o FOLDER   the overview of other PLCs
+    ... --read=-R --order=-S                        all of them, for names with these ends
 
 A line of FILE: name, prefix of the records, and what the PLC has of MODBUS SYNC MAP EIP PAIR:
 
@@ -40,11 +41,11 @@ def read_plcs(path):
     return plcs
 
 
-def files(plcs, folder=HERE, only=None):
+def files(plcs, folder=HERE, only=None, ends=("", "")):
     """Path and text of each file."""
     return {folder / tool / f"{d.name}.{ending}": write(d)
             for tool, (ending, write) in TOOLS.items()
-            for d in displays.all_displays(plcs) if only in (None, d.name)}
+            for d in displays.all_displays(plcs, *ends) if only in (None, d.name)}
 
 
 def main():
@@ -53,9 +54,15 @@ def main():
     parser.add_argument("--check", action="store_true")
     parser.add_argument("--plcs", metavar="FILE", default=HERE / "demos.plcs")
     parser.add_argument("-o", metavar="FOLDER", type=Path, dest="folder")
+    parser.add_argument("--read", metavar="END", default="", help="the macro R of the databases")
+    parser.add_argument("--order", metavar="END", default="", help="their macro S")
     options = parser.parse_args()
     plcs = read_plcs(options.plcs)
-    written = files(plcs, options.folder or HERE, "plclinkOverview" if options.folder else None)
+    ends = options.read, options.order
+    if any(ends) and not options.folder:
+        parser.error("--read and --order need a folder of their own: -o FOLDER")
+    only = "plclinkOverview" if options.folder and not any(ends) else None
+    written = files(plcs, options.folder or HERE, only, ends)
     differ = [p for p, text in written.items() if not p.exists() or p.read_text() != text]
     if options.check:
         faults = lint.faults(displays.all_displays(plcs))

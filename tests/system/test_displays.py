@@ -66,6 +66,23 @@ def test_overview(tmp_path):
     assert run.returncode != 0 and f"{plcs}:1:" in run.stderr
 
 
+def test_ends(tmp_path):
+    """displays of records whose names have ends: each PV has its record, in all displays"""
+    ends = ("-R", "-S")
+    known = lint.records({"P": "P:", "IOC": "P", "R": ends[0], "S": ends[1]})
+    shown = {pv.split(".")[0].replace("$(P)", "P:")
+             for d in displays.all_displays([("A", "P:", displays.PARTS)], *ends)
+             for i in d.items for pv in i.pvs()}
+    assert {"P:State-R", "P:Reset-S", "P:PeriodHistogram-R", "P:PLC_ERRORS"} <= shown
+    assert shown <= known, shown - known
+    run = generate("--read=-R", "--order=-S", "-o", tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert len(list(tmp_path.glob("*/*"))) == 4 * 7
+    assert "$(P)State-R" in (tmp_path / "bob/plclinkStation.bob").read_text()
+    run = generate("--read=-R")
+    assert run.returncode == 2 and "-o FOLDER" in run.stderr
+
+
 @pytest.mark.parametrize("tool", ["bob", "ui", "pydm"])
 def test_well_formed(tool):
     """the files for {tool} are XML, and are installed"""

@@ -251,12 +251,15 @@ def test_two_primaries(new_pair, record):
     sim.command("twoprimaries on")
     ioc.wait_alarm("A:TWO_PRIMARIES", "MAJOR")
     assert ioc.text("A:PRIMARY") == "FIRST" and ioc.get("A:TWO_PRIMARIES_COUNT") == 1
+    ioc.wait_alarm("A:BACKUP", "MINOR", "STATE", "both PLCs send")
+    assert ioc.text("A:BACKUP") == "unknown"
     before = sim.command("second received")
     ioc.put("A:out1", 5)
     ioc.wait_value("A:rb1", 5)
     assert sim.command("second received") == before
     sim.command("twoprimaries off")
     ioc.wait_alarm("A:TWO_PRIMARIES", "NO_ALARM")
+    until_equal(lambda: ioc.text("A:BACKUP"), "plc-2nd linked")
     assert ioc.text("A:PRIMARY") == "FIRST" and ioc.get("A:SWITCHOVERS") == 0
     assert not seen.invalid()
 

@@ -1,12 +1,12 @@
 """The displays of plclink: which PV is where. Knows no file format."""
 from .layout import BLUE, GREEN, GREY, HEADING, ORANGE, RED, TEXT, TIME, Display
 
-STATE = [(0, "NO ADDRESS", RED), (1, "CONNECTING", RED), (2, "NO DATA", RED), (3, "OK", GREEN),
+STATE = [(0, "NO ADDRESS", RED), (1, "CONNECTING", RED), (2, "NO DATA", RED), (3, "DATA OK", GREEN),
          (4, "WRONG SIZE", RED), (5, "FROZEN", RED), (6, "NO PRIMARY", RED), (7, "LAYOUT", RED)]
 SETPOINTS = [(0, "NO OUTPUT", RED), (1, "output ok", GREEN), (2, "OUTPUT WAITS", ORANGE),
              (3, "LOCAL", BLUE), (4, "MISMATCH", RED), (5, "PLC REFUSES", ORANGE),
              (6, "no output", GREY), (7, "OUTPUT ?", ORANGE)]
-REFUSED = [(0, "none refused", GREY), (1, "PUTS REFUSED", ORANGE)]
+REFUSED = [(0, "IOC refused none", GREY), (1, "IOC REFUSED", ORANGE)]
 SYNC = [(0, "DISCONNECTED", ORANGE), (1, "WAITING", ORANGE), (2, "CHECKING", ORANGE),
         (3, "SYNCED", GREEN), (4, "LOCAL", BLUE), (5, "LAYOUT MISMATCH", RED),
         (6, "MAP MISMATCH", RED), (7, "MAP DOWNLOAD", ORANGE)]
@@ -14,16 +14,17 @@ REMOTE = [(0, "HMI controls", BLUE), (1, "EPICS controls", GREY)]
 MAP = [(0, "DISCONNECTED", ORANGE), (1, "WAITING", ORANGE), (2, "FIXED TABLES", GREY),
        (3, "EQUAL", GREEN), (4, "MAP MISMATCH", RED), (5, "BEGINNING", ORANGE),
        (6, "LOADING", ORANGE), (7, "PLC CHECKS", ORANGE), (8, "REFUSED", RED)]
-OUTPUT = [(0, "NO OUTPUT", RED), (1, "output ok", GREEN)]
+OUTPUT = [(0, "NOT CONNECTED", RED), (1, "connected", GREEN)]
 PAIR = [(0, "NO PRIMARY", RED), (1, "FIRST leads", GREEN), (2, "SECOND leads", GREEN),
         (3, "2 PRIMARIES", RED), (4, "NOW FIRST", ORANGE), (5, "NOW SECOND", ORANGE)]
 BACKUP = [(0, "no partner", GREY), (1, "BACKUP LOST", ORANGE), (2, "BACKUP LOST", ORANGE),
           (3, "BACKUP ready", GREEN), (4, "BACKUP ready", GREEN), (5, "BACKUP ?", ORANGE)]
-ONE = [(0, "one PRIMARY", GREEN), (1, "2 PRIMARIES", RED)]
 CONNECTED = [(0, "NOT CONNECTED", ORANGE), (1, "connected", GREEN), (2, "no partner", GREY)]
 ANSWERS = [(0, "NO ANSWER", ORANGE), (1, "answers", GREEN), (2, "not known", GREY)]
 
 PARTS = ("MODBUS", "SYNC", "MAP", "EIP", "PAIR")
+# Records of eip_stat.db: ether_ip's names, without ends of their own
+EIP_STAT = ("PLC_ERRORS", "PLC_TASK_SLOW", "LIST_SCAN_TIME", "LIST_MAX_SCAN_TIME")
 NUMBER = "1234567890"
 BYTES = "12345678901 bytes"
 MS = "123456.789 ms"
@@ -42,7 +43,7 @@ def heading(display, text, buttons):
                      {} if file == "plclinkOverview" else ALONG, part)
 
 
-UP = [("All PLCs", "plclinkOverview", None), ("Station", "plclinkStation", None)]
+UP = [("Station", "plclinkStation", None), ("All PLCs", "plclinkOverview", None)]
 
 
 def overview(plcs):
@@ -74,12 +75,12 @@ def overview(plcs):
 def station():
     d = Display("plclinkStation", "PLC $(NAME)", 1000, 770,
                 "One PLC: s7plcStation.db. Macros: P, NAME; HAS_MODBUS, ...: 1 or 0")
-    heading(d, "PLC $(NAME)", [("All PLCs", "plclinkOverview", None),
-                               ("Modbus", "plclinkModbus", "MODBUS"),
+    heading(d, "PLC $(NAME)", [("Modbus", "plclinkModbus", "MODBUS"),
                                ("Sync", "plclinkSync", "SYNC"),
                                ("Tables", "plclinkTables", "MAP"),
                                ("EtherNet/IP", "plclinkEtherIP", "EIP"),
-                               ("Pair", "plclinkPair", "PAIR")])
+                               ("Pair", "plclinkPair", "PAIR"),
+                               ("All PLCs", "plclinkOverview", None)])
     d.lamp("$(P)State", 16, 50, 240, 56, STATE, 26)
     d.value("$(P)Reason", 266, 50, 480, 30, 20, True)
     d.label("for", 266, 84, 30)
@@ -130,6 +131,7 @@ def station():
 
 
 def requests(name, title, about, more=()):
+    more = list(more)
     d = Display(name, title, 560, 300 + 26 * len(more), about)
     heading(d, title, UP)
     d.lamp("$(P)OutputConnected", 16, 50, 240, 52, OUTPUT, 24)
@@ -183,9 +185,8 @@ def tables():
 def pair():
     d = Display("plclinkPair", "Pair $(NAME)", 700, 430, "phoenixplcStatus.db. Macros: P, NAME")
     heading(d, "Redundant pair $(NAME)", UP)
-    d.lamp("$(P)Pair", 16, 50, 216, 56, PAIR, 24)
-    d.lamp("$(P)Backup", 242, 50, 216, 56, BACKUP, 24)
-    d.lamp("$(P)TwoPrimaries", 468, 50, 216, 56, ONE, 24)
+    d.lamp("$(P)Pair", 16, 50, 330, 56, PAIR, 26)
+    d.lamp("$(P)Backup", 354, 50, 330, 56, BACKUP, 26)
     for text, x in (("Connection", 122), ("ICMP echo", 288), ("Address", 428)):
         d.label(text, x, 118, 130, 20, 14, True, HEADING)
     for i, which in enumerate(("FIRST", "SECOND")):
@@ -207,15 +208,28 @@ def pair():
     return d
 
 
-def all_displays(plcs):
-    """Every display; plcs: rows of the overview."""
+def _with_ends(display, read, order):
+    """The same display of records that were loaded with R=read, S=order."""
+    for i in display.items:
+        if i.kind in ("value", "lamp", "order") and not i.pv.endswith(EIP_STAT):
+            name, dot, field = i.pv.partition(".")
+            i.pv = name + (order if i.kind == "order" else read) + dot + field
+        elif i.kind == "plot":
+            i.x_pv, i.y_pv = i.x_pv + read, i.y_pv + read
+    return display
+
+
+def all_displays(plcs, read="", order=""):
+    """Every display; plcs: rows of the overview; the macros R and S of the databases."""
+    return [_with_ends(d, read, order) for d in _plain(plcs)]
+
+
+def _plain(plcs):
     return [
         overview(plcs), station(), sync(), tables(), pair(),
         requests("plclinkModbus", "Modbus $(NAME)", "s7plcModbus.db. Macros: P, NAME"),
         requests("plclinkEtherIP", "EtherNet/IP $(NAME)",
                  "s7plcModbus.db and eip_stat.db (IOC: P without its colon). Macros: P, NAME",
-                 [("Connections lost", "PLC_ERRORS", NUMBER),
-                  ("Reads left out", "PLC_TASK_SLOW", NUMBER),
-                  ("A round of reads", "LIST_SCAN_TIME", "12345.6789 s"),
-                  ("  longest", "LIST_MAX_SCAN_TIME", "12345.6789 s")]),
+                 zip(("Connections lost", "Reads left out", "A round of reads", "  longest"),
+                     EIP_STAT, (NUMBER, NUMBER, "12345.6789 s", "12345.6789 s"))),
     ]
