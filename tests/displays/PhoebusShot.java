@@ -25,6 +25,7 @@ import org.phoebus.pv.PV;
  *  check waits for all PVs, then prints what is not connected and words that do not fit. */
 public class PhoebusShot {
     static final int LIMIT = 30, SETTLE = 2; // s
+    static final int MARGIN = 4;             // pixels above and below letters
 
     record Opened(Stage stage, JFXStageRepresentation representation, DisplayModel model) {}
 
@@ -61,10 +62,14 @@ public class PhoebusShot {
         if (node instanceof Labeled label && label.isVisible() && label.getText() != null) {
             var text = new javafx.scene.text.Text(label.getText());
             text.setFont(label.getFont());
+            if (label.isWrapText())
+                text.setWrappingWidth(label.getWidth());
             double wide = text.getLayoutBounds().getWidth();
-            if (!label.isWrapText() && wide > label.getWidth() + 1)
-                lines.add(String.format("\"%s\" needs %.0f pixels, has %.0f", label.getText(),
-                                        wide, label.getWidth()));
+            double high = text.getLayoutBounds().getHeight();
+            if (wide > label.getWidth() + 1 || high > label.getHeight() + MARGIN)
+                lines.add(String.format("\"%s\" needs %.0fx%.0f pixels, has %.0fx%.0f",
+                                        label.getText(), wide, high, label.getWidth(),
+                                        label.getHeight()));
         }
         if (node instanceof Parent parent)
             parent.getChildrenUnmodifiable().forEach(child -> cut(child, lines));
@@ -98,8 +103,10 @@ public class PhoebusShot {
     }
 
     static void shot(String name, String file, String small) throws Exception {
-        var picture = SwingFXUtils.fromFXImage(
-            inFx(() -> opened.get(name).stage().getScene().snapshot(null)), null);
+        Opened it = opened.get(name);
+        var all = SwingFXUtils.fromFXImage(inFx(() -> it.stage().getScene().snapshot(null)), null);
+        var picture = all.getSubimage(0, 0, it.model().propWidth().getValue(),
+                                      it.model().propHeight().getValue());
         javax.imageio.ImageIO.write(picture, "png", new File(file));
         int w = picture.getWidth() / 4, h = picture.getHeight() / 4;
         var less = new java.awt.image.BufferedImage(w, h, java.awt.image.BufferedImage.TYPE_INT_RGB);

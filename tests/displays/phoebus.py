@@ -15,7 +15,7 @@ class Viewer:
         settings = own / "settings.ini"
         settings.write_text("org.phoebus.pv/default=ca\n"
                             "org.phoebus.pv.ca/auto_addr_list=false\n"
-                            "org.phoebus.pv.ca/addr_list=127.0.0.1\n"
+                            f"org.phoebus.pv.ca/addr_list={os.environ['EPICS_CA_ADDR_LIST']}\n"
                             f"org.phoebus.pv.ca/server_port={os.environ['EPICS_CA_SERVER_PORT']}\n")
         java = Path(os.environ["JAVA_HOME"], "bin/java") if "JAVA_HOME" in os.environ else "java"
         self.log = open(pictures / "phoebus.log", "w")

@@ -1,11 +1,11 @@
-"""Makes pictures of the displays with live PVs in twelve states of four simulated PLCs.
+"""Makes pictures of the displays with live PVs in twelve states of six simulated PLCs.
 
     twelve.py FOLDER            with PyDM
     twelve.py FOLDER PHOEBUS    with the Phoebus in the folder PHOEBUS (its jars), JDK 21 or newer
 
 tests/displays/run calls it. Each picture is there a second time, small: as seen from three
-metres away. The status is 1 when a PV was not connected, or words did not fit, while the IOC
-lived.
+metres away; all the small ones are in twelve.png. The status is 1 when a PV was not connected,
+or words did not fit, while the IOC lived.
 """
 import os
 import subprocess
@@ -16,13 +16,17 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent / "system"), str(HERE), str(HERE.parents[1] / "s7plcApp/op")]
 
-from client import TOP  # noqa: E402  (sets the environment of CA)
+from client import SECOND_IOC, TOP  # noqa: E402  (sets the environment of CA)
 from ioc import Ioc  # noqa: E402
 from plcdisplays import displays  # noqa: E402
+from sheet import sheet  # noqa: E402
 from sim import Sim  # noqa: E402
 from waiting import until  # noqa: E402
 
-PARTS = {"PRESS": "MODBUS", "OVEN": "SYNC", "PAIR": "PAIR"}
+PARTS = {"PRESS": ["MODBUS"], "OVEN": ["SYNC"], "PAIR": ["PAIR"], "LINE": ["SYNC", "MAP"],
+         "CTRL": ["EIP"]}
+NAMES = ("PLC1", "PRESS", "OVEN", "PAIR", "LINE", "CTRL")
+TABLE = "layout 0x1201\ntx P#DB11.DBX0.0 BYTE 8 -> 16\n"
 PLC1 = """name = PLC1
 in = 64
 out = 32
@@ -34,7 +38,8 @@ OVERVIEW = ("Overview", "PLC1")
 
 
 class Plant:
-    """Four PLCs of plcSim and the IOC that has them."""
+    """Six PLCs of plcSim and the IOCs that have them: a pair is in phoenixIoc, EtherNet/IP in
+    s7plcIoc."""
 
     def __init__(self, folder):
         demos = TOP / "iocBoot"
@@ -44,6 +49,11 @@ class Plant:
         self.folder = folder
         self.OVEN = Sim(folder, self.oven("0x1201"))
         self.PAIR = Sim(folder, (demos / "iocPhoenix/plc-a.plc").read_text())
+        self.LINE = Sim(folder, (demos / "iocTables/tables.plc").read_text())
+        self.CTRL = Sim(folder, (demos / "iocEtherIP/controller.plc").read_text()
+                        .replace("etherip_port = 44818", "etherip_port = 0"))
+        table = folder / "line.ptr"
+        table.write_text(TABLE)
         configure = f"""
 s7plcConfigure(PLC1, 127.0.0.1, {self.PLC1.port}, 64, 32, 1, 2000, 100)
 s7plcSetOption PLC1, alive, 2
@@ -53,21 +63,39 @@ s7plcConfigure(OVEN, 127.0.0.1, {self.OVEN.port}, 32, 12, 1, 2000, 100)
 s7plcSetOption OVEN, sync, on
 s7plcSetOption OVEN, layout, 0x1201
 s7plcSetOption OVEN, readback, 0
+s7plcConfigure(LINE, 127.0.0.1, {self.LINE.port}, 64, 32, 1, 2000, 100)
+s7plcSetOption LINE, sync, on
+s7plcSetOption LINE, map, download
+s7plcTables LINE "{table}"
 phoenixplcConfigure(PAIR, "127.0.0.2", {self.PAIR.port}, 64, 32, 1, 2000, 100, 1)
 """
         records = """
 record(ao, "$(P)press") { field(DTYP, "S7plc") field(OUT, "@PRESS/0 T=FLOAT") }
 record(ao, "$(P)oven")  { field(DTYP, "S7plc") field(OUT, "@OVEN/4 T=FLOAT") }
 """
-        loads = [("s7plcStation.db", n) for n in ("PLC1", "PRESS", "OVEN", "PAIR")] + [
-            ("s7plcModbus.db", "PRESS"), ("s7plcSync.db", "OVEN"),
-            ("phoenixplcStatus.db", "PAIR")]
+        loads = [("s7plcStation.db", n) for n in NAMES[:-1]] + [
+            ("s7plcModbus.db", "PRESS"), ("s7plcSync.db", "OVEN"), ("s7plcSync.db", "LINE"),
+            ("s7plcTables.db", "LINE"), ("phoenixplcStatus.db", "PAIR")]
         self.ioc = Ioc(folder, configure, records, program="phoenixIoc",
                        templates=[(f, f"P=$(P){n}:,PLC={n}") for f, n in loads]).start()
-        self.plcs = [(n, f"{self.ioc.P}{n}:", [PARTS[n]] if n in PARTS else [])
-                     for n in ("PLC1", "PRESS", "OVEN", "PAIR")]
-        for name, *_ in self.plcs:
-            self.ioc.wait_value(name + ":State", 3)
+        self.second = self.tags_ioc(folder).start()
+        self.plcs = [(n, self.prefix(n), PARTS.get(n, [])) for n in NAMES]
+        for name in NAMES:
+            self.ioc_of(name).wait_value(name + ":State", 3)
+
+    def tags_ioc(self, folder):
+        loads = [("eip_stat.db", "IOC=$(P)CTRL,PLC=CTRL,TAG=BOOLs S 0.1"),
+                 ("s7plcStation.db", "P=$(P)CTRL:,PLC=CTRL"),
+                 ("s7plcModbus.db", "P=$(P)CTRL:,PLC=CTRL")]
+        return Ioc(folder, f'drvEtherIP_define_PLC(CTRL, "127.0.0.1:{self.CTRL.etherip_port}", 0)',
+                   'record(ao, "$(P)tag") { field(DTYP, "EtherIP") field(OUT, "@CTRL Setpoint") }\n',
+                   env={**os.environ, "EPICS_CAS_INTF_ADDR_LIST": SECOND_IOC}, templates=loads)
+
+    def ioc_of(self, plc):
+        return self.second if plc == "CTRL" else self.ioc
+
+    def prefix(self, plc):
+        return f"{self.ioc_of(plc).P}{plc}:"
 
     def oven(self, layout):
         return (TOP / "iocBoot/iocSync/sync.plc").read_text().replace("0x1201", layout)
@@ -79,14 +107,16 @@ record(ao, "$(P)oven")  { field(DTYP, "S7plc") field(OUT, "@OVEN/4 T=FLOAT") }
         self.OVEN = Sim(self.folder, self.oven(layout), "-p", str(port))
 
     def is_state(self, plc, *values, pv="State"):
-        until(lambda: self.ioc.get(f"{plc}:{pv}") in values,
-              lambda: f"{plc}:{pv} has {self.ioc.text(f'{plc}:{pv}')}, wanted {values}")
+        ioc, name = self.ioc_of(plc), f"{plc}:{pv}"
+        until(lambda: ioc.get(name) in values,
+              lambda: f"{name} has {ioc.text(name)}, wanted {values}")
 
     def close(self):
-        self.ioc.process.kill()
-        self.ioc.drop_clients()
-        for sim in (self.PLC1, self.PRESS, self.OVEN, self.PAIR):
-            sim.close()
+        for ioc in (self.ioc, self.second):
+            ioc.process.kill()
+            ioc.drop_clients()
+        for name in NAMES:
+            getattr(self, name).close()
 
 
 def station(plc):
@@ -97,10 +127,12 @@ def station(plc):
 STATES = [
     ("01-normal", lambda p: p.ioc.put("press", 20.5),
      lambda p: p.is_state("PRESS", 1, pv="Setpoints"),
-     [OVERVIEW, station("PLC1"), ("Modbus", "PRESS"), ("Sync", "OVEN"), ("Pair", "PAIR")],
-     lambda p: None),
-    ("02-lost", lambda p: p.PLC1.command("unplug"), lambda p: p.is_state("PLC1", 1),
-     [OVERVIEW, station("PLC1")], lambda p: p.PLC1.command("plug")),
+     [OVERVIEW, station("PLC1"), ("Modbus", "PRESS"), ("Sync", "OVEN"), ("Pair", "PAIR"), ("Tables", "LINE"),
+      ("EtherIP", "CTRL")], lambda p: None),
+    ("02-lost", lambda p: (p.PLC1.command("unplug"), p.CTRL.command("unplug")),
+     lambda p: (p.is_state("PLC1", 1), p.is_state("CTRL", 1)),
+     [OVERVIEW, station("PLC1"), ("EtherIP", "CTRL")],
+     lambda p: (p.PLC1.command("plug"), p.CTRL.command("plug"), p.is_state("CTRL", 3))),
     ("03-silent", lambda p: p.PLC1.command("silence"), lambda p: p.is_state("PLC1", 1, 2),
      [OVERVIEW, station("PLC1")], lambda p: p.PLC1.command("silence off")),
     ("04-size", lambda p: p.PLC1.command("truncate 48"), lambda p: p.is_state("PLC1", 4),
@@ -132,8 +164,9 @@ STATES = [
 
 
 def macros(plant, plc):
-    return {"P": f"{plant.ioc.P}{plc}:", "NAME": plc,
-            **{"HAS_" + part: "1" if PARTS.get(plc) == part else "0" for part in displays.PARTS}}
+    return {"P": plant.prefix(plc), "NAME": plc,
+            **{"HAS_" + part: "1" if part in PARTS.get(plc, ()) else "0"
+               for part in displays.PARTS}}
 
 
 def main(folder, phoebus=None):
@@ -164,6 +197,7 @@ def main(folder, phoebus=None):
         for name in ("Overview", "Station"):
             viewer.shoot(name, f"12-died-{name}", checked=False)
         faults = viewer.close()
+    sheet(folder, folder / "twelve.png")
     for line in sorted(set(faults)):
         print(line)
     print(f"{len(list(folder.glob('*.png')))} pictures in {folder}, {len(set(faults))} faults")

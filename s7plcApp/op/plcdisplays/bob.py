@@ -22,13 +22,16 @@ def _tags(**values):
 def _label(i):
     return "label", "2.0.0", (_tags(text=i.text) + _font(i.size, i.bold) +
                               _colour("foreground_color", i.colour) +
-                              _tags(vertical_alignment=1, horizontal_alignment=2 * i.right))
+                              _tags(vertical_alignment=1, horizontal_alignment=2 * i.right,
+                                    wrap_words="false"))
 
 
 def _value(i):
-    pv = i.pv + ".VAL$" if i.long else i.pv
+    # Phoebus takes a bare $ for a macro that is missing, and logs that; in the name of the PV
+    # that its tooltip would show, too.
+    pv = i.pv + ".VAL\\$" if i.long else i.pv
     return "textupdate", "2.0.0", (
-        _tags(pv_name=pv) + _font(i.size, i.bold) + (_tags(format=6) if i.long else "") +
+        _tags(pv_name=pv) + _font(i.size, i.bold) + (_tags(format=6, tooltip=i.pv) if i.long else "") +
         _tags(horizontal_alignment=2 * i.right, vertical_alignment=1, wrap_words="false"))
 
 
