@@ -164,9 +164,11 @@ class Ioc:
         pv = self.pv(name)
         try:
             value = pv.get(use_monitor=False, timeout=LIMIT, **kw)
-        except epics.ca.ChannelAccessGetFailure:  # a channel that CA itself lost for a moment
-            assert pv.wait_for_connection(LIMIT), f"no PV {self.P + name}\n{self.log}"
-            value = pv.get(use_monitor=False, timeout=LIMIT, **kw)
+        except epics.ca.ChannelAccessGetFailure:
+            # A channel that CA itself lost for a moment; a PV that has seen it may hold a wrong
+            # type for good.
+            self.pvs.pop(name).disconnect()
+            value = self.pv(name).get(use_monitor=False, timeout=LIMIT, **kw)
         assert value is not None, f"caget {name} got no answer"
         return value
 
