@@ -174,8 +174,8 @@ static int place(dbCommon *prec, devRecord *dev, const plcLink *link, size_t roo
     if (placeReadback(dev, link, error))
         return -1;
     if (plcStationHeader(dev->station) && !(dev->has & plcHasR))
-        devWarn(prec, "with sync=on the PLC must show this output: add R=offset, or set the "
-                "PLC's option readback");
+        devWarn(prec, "with sync=on the PLC must show this output, unless it is a command that the "
+                "PLC does not compare: add R=offset, or set the PLC's option readback");
     return 0;
 }
 
