@@ -183,10 +183,17 @@ def _claim(map_, taken, item, side, byte, bit, size):
         for mask_, other in old:
             if mask_ & mask:
                 place = "byte %d" % b if bit is None else "bit %d.%d" % (b, bit)
-                _error(map_, item, side, "%s is taken by line %d (%s)"
-                       % (place, other.row.line, other.symbol or "reserved"))
+                _error(map_, item, side, "%s is taken by line %d (%s)%s"
+                       % (place, other.row.line, other.symbol or "reserved", _grown(other, byte, side)))
                 return
         old.append((mask, item))
+
+
+def _grown(other, byte, side):
+    """The way out, where a structure in front may have grown."""
+    kind = other.type.element if isinstance(other.type, Array) else other.type
+    return "; if %s has grown: `plcmap place --grow`" % kind if is_struct(kind) and \
+        getattr(other, side)[0] < byte else ""
 
 
 def _check_readback(map_):

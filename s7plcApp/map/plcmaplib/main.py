@@ -40,11 +40,17 @@ def cmd_check(args):
 
 
 def cmd_place(args):
-    from .place import compact, place
+    from .model import Map
+    from .place import compact, grow_types, place
     report = Report()
-    map_ = load(args.map, report, args.encoding)
+    map_, grown = load(args.map, report, args.encoding), []
+    if args.grow:
+        grown = grow_types(map_)
+    if grown:  # what did not fit into its type does now
+        report = Report()
+        map_ = Map(map_.path, map_.sheets, report)
     if not report.errors():
-        lines = compact(map_) if args.compact else []
+        lines = grown + (compact(map_) if args.compact else [])
         lines += place(map_, args.grow)
         _print(lines)
         if not report.errors():
@@ -139,7 +145,8 @@ def _parser():
     sub.add_argument("map")
     sub.add_argument("-n", "--dry-run", action="store_true", help="tell them, write nothing")
     sub.add_argument("--grow", action="store_true",
-                     help="rows whose type has outgrown their place get another one")
+                     help="rows whose type has outgrown their place get another one; in a "
+                     "type with a field that has grown, what is behind it moves")
     sub.add_argument("--compact", action="store_true", help="reserved rows go")
     sub = add("generate", cmd_generate, "make records, PLC code, simulator, displays, manual, lists")
     sub.add_argument("map")

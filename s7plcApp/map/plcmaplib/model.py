@@ -288,10 +288,18 @@ class Map:
             for bits in range(8) if place[1] is None else [place[1]]:
                 other = taken.get((place[0], bits))
                 if other is not None:
-                    self.report.error(row.place("at"), "at", "byte %d of %s is taken by %s"
-                                      % (place[0], typedef.name, other))
+                    self.report.error(row.place("at"), "at", "byte %d of %s is taken by %s%s"
+                                      % (place[0], typedef.name, other, self._grown(typedef, other)))
                     return
                 taken[(place[0], bits)] = name
+
+    def _grown(self, typedef, name):
+        """The way out, where a field in front may have grown."""
+        kind = next((f.type for f in typedef.fields if f.name == name and f.type), None)
+        element = kind.element if isinstance(kind, Array) else kind
+        if kind is None or self.layout.size(kind) < 2:
+            return ""
+        return "; if %s has grown: `plcmap place --grow`" % (element if is_struct(element) else name)
 
     def _type(self, row, column):
         text = row.get(column)
@@ -368,6 +376,8 @@ class Map:
         try:
             return parse_address(text)
         except AddressProblem as e:
+            if self.plc["family"] == "codesys" and re.match(r"^[A-Za-z_]\w*$", text):
+                return parse_symbol(text)  # M1 is a variable there
             self.report.error(row.place("plc"), "plc", str(e))
             return None
 

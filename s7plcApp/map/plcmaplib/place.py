@@ -198,19 +198,67 @@ def _set(map_, room, item, byte, bit):
 
 
 def _release(map_):
-    """Takes the place away from structures and arrays of them that reach into the next row."""
+    """Takes the place away from structures and arrays of them that reach into the next row. Where
+    all setpoints are mirrored, on both sides."""
     lines = []
     for side in ("tx", "rx"):
         uses = sorted(map_.uses(side), key=lambda u: (u[1], u[2] or 0))
         for (item, byte, _, size), (_, after, _, _) in zip(uses, uses[1:]):
             kind = item.type.element if isinstance(item.type, Array) else item.type
-            if byte + size > after and is_struct(kind):
+            if byte + size > after and is_struct(kind) and getattr(item, side) is not None:
                 lines.append("%s: %s has outgrown %s %d: %d bytes, and the next row is at %d"
                              % (item.row.place(side), item.symbol, side, byte, size, after))
-                setattr(item, side, None)
-                item.row.cells.pop(side, None)
+                mirrored = map_.number("readback") is not None and item.rx is not None
+                for given_up in ("tx", "rx") if mirrored else (side,):
+                    setattr(item, given_up, None)
+                    item.row.cells.pop(given_up, None)
     map_.changed()
     return lines
+
+
+def grow_types(map_):
+    """Moves fields that others have grown into: inside their type, the first of them and all behind
+    it are laid out anew, as an S7 does it. Returns lines; the map must be read anew then."""
+    lines, done = [], set()
+    if not map_.broken:
+        for key in map_.types:
+            _grow_type(map_, key, done, lines)
+    return lines
+
+
+def _grow_type(map_, key, done, lines):
+    if key in done or key not in map_.types:
+        return
+    done.add(key)
+    typedef = map_.types[key]
+    fields = [f for f in typedef.fields if f.type is not None]
+    for field in fields:
+        kind = field.type.element if isinstance(field.type, Array) else field.type
+        if isinstance(kind, Named):
+            _grow_type(map_, kind.name.upper(), done, lines)
+    fields = sorted((f for f in fields if f.at is not None), key=lambda f: (f.at[0], f.at[1] or 0))
+    first, grown = _first_hit(map_, fields)
+    if first is None:
+        return
+    placed = map_.layout.walk([(f.name, f.type, f.at if n < first else None)
+                               for n, f in enumerate(fields)])[0]
+    for field, (_, _, byte, bit) in list(zip(fields, placed))[first:]:
+        before = field.row.get("at")
+        lines.append("%s, was %s: %s has grown" % (_pin(typedef, field, byte, bit), before,
+                                                   grown.name or "a reserved field"))
+    map_.relay()
+
+
+def _first_hit(map_, fields):
+    """(index of the first field that another one reaches into, that one), or (None, None)."""
+    end, last = (0, 0), None
+    for number, field in enumerate(fields):
+        if (field.at[0], field.at[1] or 0) < end:
+            return number, last
+        byte, bit = field.at
+        end, last = ((byte, bit + 1) if bit is not None else
+                     (byte + map_.size_of(field.type), 0)), field
+    return None, None
 
 
 def place_fields(map_):

@@ -216,7 +216,7 @@ class Layout:
     def fields(self, kind):
         """Offsets of a structure's fields: [(name, type, byte, bit or None)], size."""
         if isinstance(kind, Struct):
-            return self._walk([(f[0], f[1], None) for f in kind.fields])
+            return self.walk([(f[0], f[1], None) for f in kind.fields])
         key = kind.name.upper()
         if key not in self.cache:
             if key not in self.types:
@@ -226,12 +226,13 @@ class Layout:
                                   % (kind.name, " > ".join(self.open[self.open.index(key):] + [key])))
             self.open.append(key)
             try:
-                self.cache[key] = self._walk(self.types[key])
+                self.cache[key] = self.walk(self.types[key])
             finally:
                 self.open.pop()
         return self.cache[key]
 
-    def _walk(self, fields):
+    def walk(self, fields):
+        """[(name, type, byte, bit or None)] of [(name, type, at or None)], and the size."""
         placed = []
         byte, bit, end = 0, 0, 0
         for name, kind, at in fields:
