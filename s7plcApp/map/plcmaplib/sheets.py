@@ -43,6 +43,7 @@ class Sheet:
         self.delimiter = delimiter
         self.encoding = encoding
         self.line = 1   # of the header
+        self.last = 0   # greatest line of a row
         self.read = {}  # line -> cells, as they were read: what else is in a workbook stays
 
     def place(self, column=None):
@@ -51,7 +52,8 @@ class Sheet:
 
     def append(self, cells, line=None):
         if line is None:
-            line = max((r.line for r in self.rows), default=self.line) + 1
+            line = max(self.last, self.line) + 1
+        self.last = max(self.last, line)
         row = Row(self, line, cells)
         self.rows.append(row)
         return row
