@@ -32,6 +32,8 @@ USmall,USmall,USINT,out,USmall,,,,,,,,,,
 W,W,WORD,in,W,,,,,,,,,,
 DW,DW,DWORD,in,DW,,,,,,,,,,
 L,L,LREAL,out,L,,,,,,,,,,
+Long,Long,ARRAY[0..249] OF REAL,in,Long,,,,,,,,,,
+Matrix,Matrix,"ARRAY[0..19,0..9] OF DINT",in,Matrix,,,,,,,,,,
 '''
 TYPES = '''type,field,ftype,at,suffix,dir,desc,egu,high,states
 VALVE,Open,BOOL,,,,open,,,

@@ -90,11 +90,26 @@ CONTROLLER P (ProcessorType := "1756-L72",
 \t\tREAL Ramp[3];
 \tEND_DATATYPE
 
+\tADD_ON_INSTRUCTION_DEFINITION Ramp (Revision := "1.0")
+\t\tPARAMETERS
+\t\t\tEnableIn : BOOL (Usage := Input, Required := No);
+\t\t\tOut : REAL (Description := "value", Usage := Output) := 0.0;
+\t\t\tTable : REAL[9] (Usage := InOut);
+\t\tEND_PARAMETERS
+\t\tLOCAL_TAGS
+\t\t\told : REAL (RADIX := Float);
+\t\tEND_LOCAL_TAGS
+\t\tROUTINE Logic
+\t\tEND_ROUTINE
+\tEND_ADD_ON_INSTRUCTION_DEFINITION
+
 \tMODULE Local (Parent := "Local")
 \t  TAG := nothing;
 \tEND_MODULE
 
 \tTAG
+\t\tRamp1 : Ramp := [1,2.0];
+\t\tWait : TIMER := [0,0,0];
 \t\tStart : BOOL (Description := "start $Qnow$Q",
 \t\t              RADIX := Decimal) := 0;
 \t\tSpeed : INT[2,3] := [1,2,3,4,5,6];
@@ -116,7 +131,14 @@ L5X = """\ufeff<?xml version="1.0" encoding="UTF-8" standalone="yes"?>
 <Description><![CDATA[runs]]></Description></Member>
 <Member Name="Ramp" DataType="REAL" Dimension="3" Hidden="false"/>
 </Members></DataType></DataTypes>
+<AddOnInstructionDefinitions><AddOnInstructionDefinition Name="Ramp"><Parameters>
+<Parameter Name="EnableIn" TagType="Base" DataType="BOOL" Usage="Input"/>
+<Parameter Name="Out" TagType="Base" DataType="REAL" Usage="Output"><Description><![CDATA[value]]></Description></Parameter>
+<Parameter Name="Table" TagType="Base" DataType="REAL" Dimensions="9" Usage="InOut"/></Parameters>
+<LocalTags><LocalTag Name="old" DataType="REAL"/></LocalTags></AddOnInstructionDefinition></AddOnInstructionDefinitions>
 <Tags>
+<Tag Name="Ramp1" TagType="Base" DataType="Ramp"/>
+<Tag Name="Wait" TagType="Base" DataType="TIMER"/>
 <Tag Name="Start" TagType="Base" DataType="BOOL"><Description><![CDATA[start "now"]]></Description></Tag>
 <Tag Name="Speed" TagType="Base" DataType="INT" Dimensions="2 3"/>
 <Tag Name="Left" TagType="Base" DataType="Drive"><Comments><Comment Operand=".RUN"><![CDATA[left runs]]></Comment></Comments></Tag>
@@ -131,6 +153,7 @@ TMC = """\ufeff<?xml version="1.0" encoding="utf-8"?>
 <DataType><Name Namespace="Lib">Drive</Name><BitSize>96</BitSize>
  <SubItem><Name>Run</Name><Type>BOOL</Type><Comment><![CDATA[ runs]]></Comment><BitSize>8</BitSize><BitOffs>0</BitOffs></SubItem>
  <SubItem><Name>Name</Name><Type>T_Text</Type><BitSize>88</BitSize><BitOffs>8</BitOffs></SubItem>
+ <SubItem><Name>Id</Name><Type>GUID</Type><BitSize>128</BitSize><BitOffs>192</BitOffs></SubItem>
  <SubItem><Name>Next</Name><Type PointerTo="1">Drive</Type><BitSize>64</BitSize><BitOffs>128</BitOffs></SubItem>
 </DataType></DataTypes>
 <Modules><Module><DataAreas><DataArea><Name>a</Name>

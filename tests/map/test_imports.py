@@ -170,7 +170,11 @@ def test_rockwell_forms(tmp_path):
                 "Speed": ("Speed", "ARRAY[0..1,0..2] OF INT", ""),
                 "Left.Run": ("Left.Run", "BOOL", "left runs"),
                 "Left.Ramp": ("Left.Ramp", "ARRAY[0..2] OF REAL", ""),
-                "Program:Main.Count": ("Program:Main.Count", "DINT", "")}
+                "Program:Main.Count": ("Program:Main.Count", "DINT", ""),
+                "Ramp1.EnableIn": ("Ramp1.EnableIn", "BOOL", ""),
+                "Ramp1.Out": ("Ramp1.Out", "REAL", "value")}
+    expected.update({"Wait." + m: ("Wait." + m, "BOOL" if len(m) == 2 else "DINT", "")
+                     for m in ("PRE", "ACC", "EN", "TT", "DN")})
     for form in ("L5K", "L5X"):
         folder = tmp_path / form
         folder.mkdir()
@@ -190,6 +194,58 @@ def test_iec_forms(tmp_path):
         assert {s: t[1] for s, t in found.items()} == {
             prefix + "Left.Run": "BOOL", prefix + "Left.Name": "STRING[10]",
             prefix + "Speed": "ARRAY[1..3] OF INT"}, result.err
+
+
+GOOD = [f for f in forms.FORMS if f != "dif"] + [
+    "source", "offsets", "explorer", "pcworx", "rockwell csv", "L5K", "L5X", "tmc", "codesys", "plcopen",
+    "outline"]
+
+
+@pytest.mark.parametrize("form", GOOD)
+def test_import_then_check(tmp_path, form):
+    """{form}: import, place, check, generate, without a line of writing"""
+    imported(tmp_path, {**forms.FORMS, **forms.OTHERS}[form], "--db", "Motor=12")
+    folder = tmp_path / "into"
+    for words in (["place", folder], ["check", folder], ["generate", folder, "-o", tmp_path / "gen"]):
+        result = plcmap(*words)
+        assert result.status == 0, result.err
+
+
+@pytest.mark.parametrize("form, keys", [("L5X", {"wire": "etherip", "family": "none"}),
+                                        ("codesys", {"family": "codesys"}), ("openness", {"family": "tia"}),
+                                        ("asc", {})])
+def test_keys_of_a_form(tmp_path, form, keys):
+    """{form}: a new map gets the keys that its symbols need; another map is told"""
+    data = {**forms.FORMS, **forms.OTHERS}[form]
+    imported(tmp_path, data)
+    found = dict(csv.reader((tmp_path / "into" / "plc.csv").read_text().splitlines()))
+    assert found == {"key": "value", "name": "PLC", **keys}
+    (tmp_path / "into" / "plc.csv").write_text("key,value\nname,PLC\n")
+    _, result = imported(tmp_path, data)
+    for key, value in keys.items():
+        assert "plc.csv: warning: %s: " % key in result.err and "it is %s" % value in result.err
+
+
+def test_own_blocks(tmp_path):
+    """A PLC that has the program's data blocks itself: a new map gives those other numbers"""
+    _, result = imported(tmp_path, forms.OTHERS["explorer"])
+    assert "held_db: 7, because the PLC has a DB6" in result.out
+    assert "held_db,7" in (tmp_path / "into" / "plc.csv").read_text()
+
+
+def test_long_names(tmp_path):
+    """Names of records that would be too long: one line says so, and what helps"""
+    data = forms.TMC.replace("GVL.Left", "GVL." + "L" * 56).encode()
+    _, result = imported(tmp_path, data)
+    assert "2 values would have records with more than 60 characters" in result.err
+    assert "--pv makes shorter names" in result.err
+    assert sum(1 for r in rows(tmp_path / "into") if r["pv"]) == 1
+
+
+def test_unknown_field(tmp_path):
+    """TwinCAT: a field of a type that is not there is left out by itself, and told"""
+    _, result = imported(tmp_path, forms.OTHERS["tmc"])
+    assert 'type Drive: warning: Id: unknown type "GUID": left out' in result.err
 
 
 def test_iec_types(tmp_path):

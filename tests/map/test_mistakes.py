@@ -129,7 +129,7 @@ MISTAKES = [
     ("an odd byte of a DB", map_(("Tank.Temp", "plc", "DB11.DBD1")), "map.csv:11:2: plc: ",
      "REAL begins at an even byte in a DB, not 1"),
     ("the program's own DB", map_(("Tank.Temp", "plc", "DB1.DBD0")), "map.csv:11:2: plc: ",
-     "DB1 is tx_db, which the program itself uses"),
+     "DB1 is tx_db, which the program itself uses; allowed: another block, or another number for"),
     ("beyond a data block", map_(("Clock", "plc", "DB13.DBB65530")), "map.csv:20:2: plc: ",
      "65530 + 8 bytes exceed a data block"),
     ("an input of the PLC that is written", map_(("Tank.SpeedSP", "plc", "IW4")), "map.csv:3:2: plc: ",

@@ -63,7 +63,7 @@ def test_plants(tmp_path, name):
 def test_tags(tmp_path):
     """EtherNet/IP: tags of every type, members, elements, bits"""
     values, comparisons, differ, out = proved(controller.write(tmp_path / "ctrl"))
-    assert values == 83 and comparisons > 40 * values and differ == 0, out
+    assert values == 85 and comparisons > 40 * values and differ == 0, out
 
 
 def test_both_plcs(tmp_path):
@@ -82,6 +82,18 @@ def test_shared_memory(tmp_path):
     assert plcmap("place", folder).status == 0
     values, _, differ, out = proved(folder)
     assert (values, differ) == (9, 0), out
+
+
+def test_long_arrays(tmp_path, monkeypatch):
+    """Arrays longer than the IOC's shell shows are compared to their end; --keep takes any path"""
+    rows = [{"symbol": "A", "plc": "DB10.DBB0", "type": "ARRAY[1..321] OF REAL", "pv": "A"},
+            {"symbol": "B", "plc": "DB11.DBB0", "type": "ARRAY[0..150] OF INT", "pv": "B", "dir": "out"}]
+    folder = maps.write(tmp_path / "p", rows, {"sync": "off"})
+    assert plcmap("place", folder).status == 0
+    monkeypatch.chdir(tmp_path)
+    result = plcmap("prove", folder, "--bin", BIN, "--keep", "kept")
+    assert result.status == 0 and ", 0 differ" in result.out, result.out
+    assert (tmp_path / "kept" / "ioc.log").exists()
 
 
 @pytest.mark.parametrize("family", ["none", "codesys"])

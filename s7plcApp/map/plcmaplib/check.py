@@ -78,7 +78,7 @@ def _check_plc(map_):
 
 def _check_db_numbers(map_):
     seen = {}
-    for key in ("tx_db", "rx_db", "tx_ptrs", "rx_ptrs", "acc_db", "held_db"):
+    for key in columns.OWN_BLOCKS:
         number = map_.plc[key]
         if number in seen:
             map_.report.error(map_.plc_place(key), key, "DB%s is %s already" % (number, seen[number]))
@@ -235,7 +235,7 @@ def _check_readback(map_):
 def _check_memory(map_):
     if not map_.has_blocks() or map_.plc["wire"] == "modbus":
         return
-    ours = {map_.number(k): k for k in ("tx_db", "rx_db", "tx_ptrs", "rx_ptrs", "acc_db", "held_db")}
+    ours = {map_.number(k): k for k in columns.OWN_BLOCKS}
     for item in map_.rows:
         a = item.address
         if item.type is None or a is None or not a.area or item.dir == "reserved":
@@ -246,8 +246,8 @@ def _check_memory(map_):
             continue
         _check_width(map_, item, a)
         if a.area == "DB" and a.db in ours:
-            _error(map_, item, "plc", "DB%d is %s, which the program itself uses"
-                   % (a.db, ours[a.db]))
+            _error(map_, item, "plc", "DB%d is %s, which the program itself uses; allowed: "
+                   "another block, or another number for the key %s" % (a.db, ours[a.db], ours[a.db]))
         if a.byte & 1 and a.area == "DB" and not map_.layout.anywhere(item.type):
             _error(map_, item, "plc", "%s begins at an even byte in a DB, not %d"
                    % (item.type, a.byte))

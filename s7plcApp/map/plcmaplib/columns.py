@@ -101,6 +101,7 @@ PLC_KEYS = {
     "slot": ("0", (0, 255), "EtherNet/IP: slot of the controller"),
 }
 
+OWN_BLOCKS = ["tx_db", "rx_db", "tx_ptrs", "rx_ptrs", "acc_db", "held_db"]  # of the PLC's program
 LIMIT_COLUMNS = ["lolo", "low", "high", "hihi"]
 MAX_PV = 60
 MAX_DESC = 40

@@ -16,6 +16,7 @@ class Room:
     def __init__(self, map_, side):
         self.side = side
         self.header = map_.tx_header() if side == "tx" else map_.rx_header()
+        self.refused = []  # (row, bytes) without room
         self.taken = bytearray(LIMIT + 8)
         self.bits = {}     # bytes that have single bits: byte -> PLC byte they come from
         self.by_memory = {}  # (area, db) -> [(PLC byte, block byte)]
@@ -132,7 +133,19 @@ def place(map_, grow=False):
             lines += _set(map_, rooms["tx"], item, item.rx[0] + mirror, item.rx[1])
         elif "in" in dirs or ("out" in dirs and needs_readback(map_)):
             lines += _fill(map_, rooms["tx"], item)
+    for room in rooms.values():
+        _tell_refused(map_, room)
     return lines
+
+
+def _tell_refused(map_, room):
+    """One line for all rows that a block has no room for."""
+    if room.refused:
+        item, size = room.refused[0]
+        more = len(room.refused) - 1
+        map_.report.error(item.row.place(room.side), room.side, "no room for %d bytes%s: a block has at "
+                          "most %d; allowed: fewer rows, or a PLC for a part of them"
+                          % (size, ", and for %d more rows" % more if more else "", LIMIT))
 
 
 def _shows_input(map_, rows, low, high):
@@ -180,8 +193,7 @@ def _fill(map_, room, item):
             byte = room.find(even, size)
         found = None if byte is None else (byte, None)
     if found is None:
-        map_.report.error(item.row.place(room.side), room.side,
-                          "no room for %d bytes in a block of %d" % (size, LIMIT))
+        room.refused.append((item, size))
         return []
     return _set(map_, room, item, *found)
 

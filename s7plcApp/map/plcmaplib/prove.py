@@ -20,12 +20,14 @@ from .outputs.records import records
 from .problems import Place, Refused
 from .proveplaces import number, places, plain
 from .provevalues import same, values
+from .types import Array
 
 PATIENCE = 30.0  # s for anything to happen
 SETTLE = 10.0   # s until values agree
 BATCH = 400      # console commands at a time
 QUICK = 20       # ms from block to block: values are proved, not times
 PROBES = "plcmap:prove:"
+PART = 100       # elements of an array that dbgf shows, whatever their type
 SHOWN = 40       # differences that are printed
 
 
@@ -246,6 +248,7 @@ class Proof:
         self.cases = [(leaf, records(map_, leaf), values(map_, leaf, n))
                       for n, leaf in enumerate(l for l in map_.leaves() if l.pv)]
         self.layers = self._layers()
+        self.parts = parts(map_)
 
     def run(self, ioc, sim):
         """All rounds, of a pair two more with the other PLC; returns how many there were."""
@@ -311,7 +314,18 @@ class Proof:
                                      value.severity))
         if chosen:
             sim.ask(self.places.set(chosen))
-            self.settle(ioc.get, expected)
+            self.settle(lambda names: self.read(ioc, names), expected)
+
+    def read(self, ioc, names):
+        """{name: value}; long arrays from their parts."""
+        probes = [p for n in names for p, _, _ in self.parts.get(n, [])]
+        ioc.run(['dbpf "%s.PROC" 1' % p for p in probes])
+        found = ioc.get([n for n in names if n not in self.parts] + probes)
+        for name in names:
+            if name in self.parts:
+                found[name] = sum((found[p] for p, _, _ in self.parts[name]
+                                   if isinstance(found[p], list)), [])
+        return found
 
     def settle(self, read, expected):
         """Compares; what differs is read again until it agrees or patience ends."""
@@ -359,7 +373,7 @@ class Proof:
             return {n: self.places.answer(a, leaves[n]) for n, a in zip(names, answers)}
         self.settle(read, expected)
         if back:
-            self.settle(ioc.get, back)
+            self.settle(lambda names: self.read(ioc, names), back)
 
     def wait_synced(self, ioc):
         if not self.map.on("sync"):
@@ -416,6 +430,34 @@ def _programs(args, pair):
     return found
 
 
+def parts(map_):
+    """{record: [(probe, first element, elements)]} of arrays that are longer than dbgf shows."""
+    found = {}
+    for leaf in map_.leaves():
+        count = leaf.type.count() if isinstance(leaf.type, Array) else 0
+        for record in records(map_, leaf) if count > PART else []:
+            if record.type in ("waveform", "aao"):
+                name = map_.plc["prefix"] + record.name
+                found[name] = [("%spart%d:%d" % (PROBES, len(found), n), n, min(PART, count - n))
+                               for n in range(0, count, PART)]
+    return found
+
+
+def _probes(map_):
+    """Records that show the state of the station, and parts of long arrays."""
+    text = ('record(longin, "%sblocks") { field(DTYP, "S7plc stats") field(INP, "@%s/alive") }\n'
+            'record(stringin, "%ssync") { field(DTYP, "S7plc stats") field(INP, "@%s/syncText") }\n'
+            % (PROBES, map_.plc["name"], PROBES, map_.plc["name"]))
+    types = {map_.plc["prefix"] + r.name: (dict(r.fields)["FTVL"], dict(r.fields)["NELM"])
+             for leaf in map_.leaves() for r in records(map_, leaf) if r.type in ("waveform", "aao")}
+    for name, probes in parts(map_).items():
+        for probe, first, count in probes:
+            text += ('record(subArray, "%s") { field(INP, "%s NPP") field(FTVL, "%s") field(MALM, "%s") '
+                     'field(INDX, "%d") field(NELM, "%d") }\n'
+                     % (probe, name, *types[name], first, count))
+    return text
+
+
 def _script(map_, folder, program, name):
     top = os.path.dirname(os.path.dirname(os.path.dirname(program)))
     ioc = os.path.basename(program)
@@ -423,9 +465,7 @@ def _script(map_, folder, program, name):
     if not os.path.exists(dbd):
         raise Refused("is not there: it belongs to %s" % program, Place(dbd))
     with open(os.path.join(folder, "probes.db"), "w") as f:
-        f.write('record(longin, "%sblocks") { field(DTYP, "S7plc stats") field(INP, "@%s/alive") }\n'
-                'record(stringin, "%ssync") { field(DTYP, "S7plc stats") field(INP, "@%s/syncText")'
-                ' }\n' % (PROBES, map_.plc["name"], PROBES, map_.plc["name"]))
+        f.write(_probes(map_))
     path = os.path.join(folder, "prove.cmd")
     with open(path, "w") as f:
         f.write('dbLoadDatabase("%s")\n%s_registerRecordDeviceDriver pdbbase\n< %s.cmd\n'
@@ -459,7 +499,7 @@ def prove(map_, args, simulator=Simulator):
     """True when all values agree. Prints what does not, and how many were compared.
     simulator: what plays the PLC, made from program, file and folder."""
     sim_program, ioc_program = _programs(args, bool(map_.plc["second"]))
-    folder = args.keep or tempfile.mkdtemp(prefix="plcmap-")
+    folder = os.path.abspath(args.keep or tempfile.mkdtemp(prefix="plcmap-"))
     os.makedirs(folder, exist_ok=True)
     sim = ioc = None
     began = time.monotonic()

@@ -7,6 +7,9 @@ from .outputs.simulator import Memory
 from .provevalues import sim_type
 
 
+WORDS = 100  # values in one command
+
+
 def plain(word, leaf):
     """A word of an answer: a number, or text where the type is one."""
     kind = getattr(leaf.type, "element", leaf.type)
@@ -39,8 +42,11 @@ class Places:
         a = self.memory.of(leaf)
         if leaf.is_bit():
             return "%s BOOL" % a.text(1, a.bit)
-        block = "DB%d." % a.db if a.area == "DB" else a.area
-        return "%s%d %s" % (block, a.byte, sim_type(self.map, leaf.type))
+        return "%s %s" % (self._byte(a, 0), sim_type(self.map, leaf.type))
+
+    @staticmethod
+    def _byte(a, more):
+        return "%s%d" % ("DB%d." % a.db if a.area == "DB" else a.area, a.byte + more)
 
     def bits(self, leaf):
         """What it takes: values that share something cannot be set at one time."""
@@ -51,7 +57,18 @@ class Places:
 
     def set(self, values):
         """Commands that set [(leaf, words)]."""
-        return ["set %s %s" % (self.where(leaf), quoted(words)) for leaf, words in values]
+        found = []
+        for leaf, words in values:
+            if len(words) <= WORDS:
+                found.append("set %s %s" % (self.where(leaf), quoted(words)))
+                continue
+            kind = leaf.type.element
+            for first in range(0, len(words), WORDS):
+                part = words[first:first + WORDS]
+                found.append("set %s %s[%d] %s" % (
+                    self._byte(self.memory.of(leaf), first * kind.size), sim_type(self.map, kind),
+                    len(part), quoted(part)))
+        return found
 
     def get(self, leaf):
         return "get " + self.where(leaf)
@@ -85,8 +102,13 @@ class Tags:
         commands, wholes = [], []
         for leaf, words in values:
             text, bit = tags.place(leaf)
-            if bit is None:
+            if bit is None and len(words) <= WORDS:
                 commands.append("etherip set %s %s" % (text, quoted(words)))
+                continue
+            if bit is None:
+                indices = leaf.type.indices()
+                commands += ["etherip set %s[%s] %s" % (text, indices[n], quoted(words[n:n + WORDS]))
+                             for n in range(0, len(words), WORDS)]
                 continue
             old = self.numbers.get(text, 0)
             self.numbers[text] = old | 1 << bit if words[0] == "1" else old & ~(1 << bit)

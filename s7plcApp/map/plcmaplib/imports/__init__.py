@@ -3,6 +3,7 @@ its name; what is not understood is told with its place, never guessed."""
 import os
 import re
 
+from .. import columns
 from ..files import empty, is_workbook, load_sheets
 from ..problems import Place, Refused
 from ..sheets import decode, read_bytes, csv_rows
@@ -136,19 +137,52 @@ def run_import(args, report):
                 raise
     if report.errors():
         return lines
+    _suit(sheets["plc"], exists, sources, report)
     merger = merge.Merge(sheets, args, report)
     merger.run(rows, types, set().union(*[s.scope for s in sources]) if sources else set())
+    if not exists:
+        lines += _own_blocks(sheets, sources)
     _save(sheets, args.into, exists)
     return lines + merger.lines
+
+
+def _own_blocks(sheets, sources):
+    """In a new map: numbers for the program's own data blocks that the PLC does not use."""
+    used = {n for s in sources for n in s.blocks.values()}
+    for row in sheets["map"].rows:
+        m = re.match(r"DB(\d+)\.", row.get("plc"))
+        if m:
+            used.add(int(m.group(1)))
+    own = {key: int(columns.PLC_KEYS[key][0]) for key in columns.OWN_BLOCKS}
+    free = (n for n in range(1, 65536) if n not in used and n not in own.values())
+    lines = []
+    for key, number in own.items():
+        if number in used:
+            own[key] = next(free)
+            sheets["plc"].append({"key": key, "value": "%d" % own[key]})
+            lines.append("%s: %d, because the PLC has a DB%d" % (key, own[key], number))
+    return lines
+
+
+def _suit(plc, exists, sources, report):
+    """The keys that such symbols need: written into a new map; told where a map has others."""
+    if not exists and not plc.rows:
+        plc.append({"key": "name", "value": "PLC"})
+    for source in sources:
+        for key, value in source.keys.items():
+            row = next((r for r in plc.rows if r.get("key") == key), None)
+            has = (row.get("value") if row else "") or columns.PLC_KEYS[key][0]
+            if row is None and not exists:
+                plc.append({"key": key, "value": value})
+            elif has != value:
+                report.warning(Place(plc.file, row.line if row else None, None, plc.tab), key,
+                               "%s in this map; for symbols of %s it is %s"
+                               % (has, source.form, value))
 
 
 def _save(sheets, path, exists):
     import argparse
     from ..files import save
-    if not exists:
-        plc = sheets["plc"]
-        if not plc.rows:
-            plc.append({"key": "name", "value": "PLC"})
     kept = {n: s for n, s in sheets.items() if s.rows or n in ("map", "plc") or exists}
     if exists and not is_workbook(path):
         kept = {n: s for n, s in kept.items() if s.rows or os.path.exists(s.file)}

@@ -18,10 +18,12 @@ class Item:
 
 class Source:
     """What a file brings. types: name -> [(field, type, comment, (byte, bit) or None)].
-    blocks: numbers of data blocks by name. scope: data blocks that it has completely."""
+    blocks: numbers of data blocks by name. scope: data blocks that it has completely. keys: of
+    the sheet plc, what a map of such symbols needs."""
 
-    def __init__(self, form):
+    def __init__(self, form, **keys):
         self.form = form
+        self.keys = keys
         self.items = []
         self.types = {}
         self.blocks = {}

@@ -55,10 +55,11 @@ def _tmc_type(element, tag):
 
 
 def read_tmc(root, path, report):
-    source = Source("TwinCAT .tmc")
+    source = Source("TwinCAT .tmc", family="codesys")
     for types in children(root, "DataTypes"):
         for kind in children(types, "DataType"):
             _tmc_datatype(source, kind, path, report)
+    _drop_unknown(source, path, report)
     symbols = [s for s in root.iter() if local(s.tag) == "Symbol"]
     for symbol in symbols:
         name = child_text(symbol, "Name")
@@ -71,6 +72,18 @@ def read_tmc(root, path, report):
     if not symbols and not source.types:
         raise Refused("neither symbols nor types", Place(path))
     return source
+
+
+def _drop_unknown(source, path, report):
+    """Fields of types that the file does not have: the others can be used without them."""
+    known = {name.upper() for name in source.types}
+    for name, fields in source.types.items():
+        for field in list(fields):
+            kind = field[1].element if isinstance(field[1], Array) else field[1]
+            if isinstance(kind, Named) and kind.name.upper() not in known and field[0]:
+                report.warning(Place("%s: type %s" % (path, name)), None, '%s: unknown type "%s": '
+                               "left out" % (field[0], kind.name))
+                fields.remove(field)
 
 
 def _tmc_datatype(source, kind, path, report):
@@ -98,7 +111,7 @@ def _tmc_datatype(source, kind, path, report):
 
 def read_codesys(root, path, report):
     """TypeList and nested nodes; a type has an own name, iecname is what it is."""
-    source = Source("CODESYS symbol configuration")
+    source = Source("CODESYS symbol configuration", family="codesys")
     kinds = {}
     for types in children(root, "TypeList"):
         for kind in types:
@@ -199,7 +212,7 @@ def _plcopen_type(element, depth=0):
 
 
 def read_plcopen(root, path, report):
-    source = Source("PLCopen XML")
+    source = Source("PLCopen XML", family="codesys")
     for kind in root.iter():
         if local(kind.tag) == "dataType":
             for base in children(kind, "baseType"):

@@ -223,7 +223,8 @@ class Names:
 # --- into the map ----------------------------------------------------------------------------------
 
 def fit(text, most):
-    """Cut to so many bytes, at a character."""
+    """One line, cut to so many bytes, at a character."""
+    text = " ".join("".join(c if ord(c) > 31 else " " for c in text).split())
     return text.encode("utf-8")[:most].decode("utf-8", "ignore").strip()
 
 
@@ -247,6 +248,10 @@ class Merge:
         self.pvs = {r.get("pv") for r in self.sheet.rows if r.get("pv")}
         self.names = Names(options.pv)
         self.counts = {"new": 0, "changed": 0, "same": 0}
+        keys = {r.get("key"): r.get("value") for r in sheets["plc"].rows}
+        self.room = columns.MAX_PV - len(keys.get("prefix", ""))
+        self.rbv = len(keys.get("rbv", columns.PLC_KEYS["rbv"][0]).strip("-"))
+        self.long = []  # symbols whose records would have names that are too long
 
     def run(self, rows, types, scope):
         wanted = {}
@@ -266,6 +271,7 @@ class Merge:
                 continue
             seen.add(id(known))
             self._update(known, row)
+        self._tell_long()
         self._vanished(wanted, seen, scope)
         if self.options.types:
             self._add_types(types, rows)
@@ -290,14 +296,18 @@ class Merge:
 
     def _add(self, row):
         pv = row.cells.get("pv") or self.names.of(row.symbol)
-        if pv in self.pvs:
+        direction = row.cells.get("dir") or self.options.dir
+        if len(pv) > self.room - (self.rbv if direction == "out" else 0):
+            self.long.append(row)
+            pv = ""
+        elif pv in self.pvs:
             self.report.warning(row.place, None, 'record "%s" is there already: %s gets none'
                                 % (pv, row.symbol))
             pv = ""
         if pv:
             self.pvs.add(pv)
         cells = {"symbol": row.symbol, "plc": row.plc, "type": row.type,
-                 "dir": row.cells.get("dir") or self.options.dir, "pv": pv,
+                 "dir": direction, "pv": pv,
                  "desc": fit(row.desc, columns.MAX_DESC)}
         for column, value in row.cells.items():
             if column in columns.MAP_COLUMNS and column not in cells:
@@ -308,6 +318,14 @@ class Merge:
         self.sheet.append({c: v for c, v in cells.items() if v})
         self.counts["new"] += 1
         self.lines.append("new: %s %s %s" % (row.symbol, row.type, row.plc))
+
+    def _tell_long(self):
+        if self.long:
+            self.report.warning(self.long[0].place, None, "%d values would have records with more "
+                                "than %d characters, such as %s: they get none; --pv makes shorter "
+                                "names, such as 's/Main\\.(.*)/M:\\1/'" % (
+                                    len(self.long), columns.MAX_PV,
+                                    self.names.of(self.long[0].symbol)))
 
     def _update(self, known, row):
         changed = False

@@ -10,7 +10,26 @@ from .tia import children, child_text, local
 TYPES = {"BOOL": "BOOL", "BIT": "BOOL", "SINT": "SINT", "INT": "INT", "DINT": "DINT",
          "LINT": "LINT", "USINT": "USINT", "UINT": "UINT", "UDINT": "UDINT", "ULINT": "ULINT",
          "REAL": "REAL", "LREAL": "LREAL"}
+KEYS = {"wire": "etherip", "family": "none"}
 STRING_LENGTH = 82  # of the predefined STRING
+
+
+def _members(text):
+    """[(field, type, comment, at, line)] of "PRE:DINT ACC:DINT"."""
+    return [(n, ELEMENTARY[t], "", None, 0) for n, t in (w.split(":") for w in text.split())]
+
+
+PREDEFINED = {  # as clients can name their members
+    "TIMER": _members("PRE:DINT ACC:DINT EN:BOOL TT:BOOL DN:BOOL"),
+    "COUNTER": _members("PRE:DINT ACC:DINT CU:BOOL CD:BOOL DN:BOOL OV:BOOL UN:BOOL"),
+    "CONTROL": _members("LEN:DINT POS:DINT EN:BOOL EU:BOOL DN:BOOL EM:BOOL ER:BOOL UL:BOOL IN:BOOL "
+                        "FD:BOOL")}
+
+
+def _with_predefined(source):
+    for name, fields in PREDEFINED.items():
+        source.types.setdefault(name, list(fields))
+    return source
 
 
 def unescape(text):
@@ -55,7 +74,7 @@ def is_csv(text):
 
 def read_csv(text, path, report):
     """TAG rows; COMMENT rows describe members; ALIAS rows have the target in SPECIFIER."""
-    source = Source("Rockwell tag CSV")
+    source = Source("Rockwell tag CSV", **KEYS)
     head = re.search(r"^TYPE([,\t])SCOPE", text, re.M)
     columns, aliases = None, 0
     for number, cells in csv_rows(text, head.group(1), path):
@@ -82,7 +101,7 @@ def read_csv(text, path, report):
         elif not re.match(r"^(R?COMMENT|TEXTBOX|ROUTINE)(:|$)|^remark$", row["TYPE"]):
             report.warning(place, None, 'a row "%s": left out' % row["TYPE"][:30])
     source.left_out += aliases
-    return source
+    return _with_predefined(source)
 
 
 def _comment(source, operand, text):
@@ -110,20 +129,23 @@ def _tag(source, name, scope, text, description, place, report):
 # --- L5X -------------------------------------------------------------------------------------
 
 def read_l5x(root, path, report):
-    source = Source("Rockwell L5X")
+    source = Source("Rockwell L5X", **KEYS)
     controller = next((e for e in root.iter() if local(e.tag) == "Controller"), None)
     if controller is None:
         raise Refused("an L5X without a controller", Place(path))
     for types in children(controller, "DataTypes"):
         for kind in children(types, "DataType"):
             _l5x_type(source, kind, path, report)
+    for definitions in children(controller, "AddOnInstructionDefinitions"):
+        for kind in children(definitions, "AddOnInstructionDefinition"):
+            _l5x_instruction(source, kind, path, report)
     for tags in children(controller, "Tags"):
         _l5x_tags(source, tags, "", path, report)
     for programs in children(controller, "Programs"):
         for program in children(programs, "Program"):
             for tags in children(program, "Tags"):
                 _l5x_tags(source, tags, program.get("Name", ""), path, report)
-    return source
+    return _with_predefined(source)
 
 
 def _l5x_type(source, kind, path, report):
@@ -145,6 +167,24 @@ def _l5x_type(source, kind, path, report):
             fields.append((member.get("Name", ""),
                            rockwell_type(member.get("DataType", "?"), [dimension]),
                            child_text(member, "Description"), None, 0))
+    source.types[name] = fields
+
+
+def _l5x_instruction(source, kind, path, report):
+    """The tag of an instruction: its inputs and outputs; what is passed by reference is elsewhere."""
+    name, fields = kind.get("Name", ""), []
+    for parameters in children(kind, "Parameters"):
+        for p in children(parameters, "Parameter"):
+            if p.get("Usage") not in ("Input", "Output") or p.get("TagType") == "Alias":
+                continue
+            found = _split_type("%s[%s]" % (p.get("DataType", ""), p.get("Dimensions", ""))
+                                if p.get("Dimensions") else p.get("DataType", ""))
+            if not found:
+                report.warning(Place("%s: instruction %s" % (path, name)), None,
+                               '"%s": no type that is known: left out' % p.get("Name", ""))
+                continue
+            fields.append((p.get("Name", ""), rockwell_type(*found), child_text(p, "Description"),
+                           None, 0))
     source.types[name] = fields
 
 
@@ -191,7 +231,7 @@ class _L5kReader:
     def __init__(self, text, path, report):
         self.tokens, self.at = _tokens(text), 0
         self.path, self.report = path, report
-        self.source = Source("Rockwell L5K")
+        self.source = Source("Rockwell L5K", **KEYS)
         self.scope = ""
 
     def peek(self):
@@ -221,7 +261,9 @@ class _L5kReader:
                 self.attributes()
             elif word == "END_PROGRAM":
                 self.scope = ""
-            elif word in ("ADD_ON_INSTRUCTION_DEFINITION", "MODULE", "ROUTINE", "ENCODED_DATA"):
+            elif word == "ADD_ON_INSTRUCTION_DEFINITION":
+                self.instruction()
+            elif word in ("MODULE", "ROUTINE", "ENCODED_DATA"):
                 end = "END_" + word
                 while not self.ended() and self.peek() != end:
                     self.next()
@@ -275,6 +317,30 @@ class _L5kReader:
         self.next()
         self.source.types[name] = [("", Text(STRING_LENGTH), "", None, 0)] if is_text else fields
 
+    def instruction(self):
+        """PARAMETERS name : TYPE (Usage := Input ...); ... END_PARAMETERS, then its code"""
+        name, fields = self.next()[1], []
+        self.attributes()
+        while not self.ended() and self.peek() not in ("PARAMETERS", "END_ADD_ON_INSTRUCTION_DEFINITION"):
+            self.next()
+        if self.peek() == "PARAMETERS":
+            self.next()
+        while not self.ended() and self.peek() not in ("END_PARAMETERS",
+                                                       "END_ADD_ON_INSTRUCTION_DEFINITION"):
+            place, field = self.place(), self.next()[1]
+            colon, found, begin = self.next()[1], None, self.at
+            if colon == ":":
+                found = _split_type(self.next()[1])
+                begin = self.at
+                text = self.attributes()
+            usage = {t[1] for t in self.tokens[begin:self.at]} & {"Input", "Output"}
+            self._to_semicolon()
+            if found and usage:
+                fields.append((field, rockwell_type(*found), text, None, place.line))
+        while not self.ended() and self.peek() != "END_ADD_ON_INSTRUCTION_DEFINITION":
+            self.next()
+        self.source.types[name] = fields
+
     def tags(self):
         """name : TYPE[dims] (..) := value;   name OF target: an alias"""
         while not self.ended() and self.peek() != "END_TAG":
@@ -301,4 +367,4 @@ class _L5kReader:
 
 
 def read_l5k(text, path, report):
-    return _L5kReader(text, path, report).run()
+    return _with_predefined(_L5kReader(text, path, report).run())

@@ -350,6 +350,8 @@ def is_source(text):
 def read(text, path, report):
     parser = Parser(text, path).run()
     source = Source("source of data blocks and types")
+    if re.search(r"\{[^}]*S7_Optimized_Access", text, re.I):
+        source.keys["family"] = "tia"
     for name, fields in parser.types.items():
         source.types[name] = [f[:4] for f in fields]
     for name, fields in parser.fbs.items():

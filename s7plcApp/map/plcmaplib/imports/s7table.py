@@ -54,7 +54,7 @@ def is_tia_sdf(text, path):
 
 def read_tia_sdf(text, path, report):
     """name, %address, type, three booleans, comment, (empty), boolean"""
-    source = Source("TIA tag table (.sdf)")
+    source = Source("TIA tag table (.sdf)", family="tia")
     for number, cells in _csv(text, path):
         cells = [c.strip() for c in cells]
         if not any(cells):
@@ -163,7 +163,7 @@ def is_pcworx(text):
 
 def read_pcworx(text, path, report):
     """%MX1.2016.0;BOOL;flags NAME;comment"""
-    source = Source("PC WORX variables")
+    source = Source("PC WORX variables", family="codesys")
     for number, line in enumerate(text.splitlines(), 1):
         cells = [c.strip() for c in line.split(";")]
         if not any(cells):

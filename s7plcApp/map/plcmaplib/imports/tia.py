@@ -39,7 +39,7 @@ def find_tags(cells):
 def read_workbook(cells, path, report):
     """`PLC Tags` of an .xlsx."""
     tab, rows, columns = find_tags(cells)
-    source = Source("TIA tag table (.xlsx)")
+    source = Source("TIA tag table (.xlsx)", family="tia")
     for line, cells_ in rows:
         row = {n: clean(cells_[i]) if i < len(cells_) else "" for n, i in columns.items()}
         if not any(row.values()):
@@ -53,7 +53,7 @@ def read_workbook(cells, path, report):
 
 def read_tagtable(root, path, report):
     """<Tagtable> of <Tag type addr remark ...>name</Tag>"""
-    source = Source("TIA tag table (.xml)")
+    source = Source("TIA tag table (.xml)", family="tia")
     for number, tag in enumerate(root.iter(), 0):
         if local(tag.tag) != "Tag":
             continue
@@ -83,7 +83,7 @@ def _texts(element):
 
 def read_openness(root, path, report):
     """A document with tag tables, data blocks and types."""
-    source = Source("TIA Openness")
+    source = Source("TIA Openness", family="tia")
     known = False
     for element in root.iter():
         name = local(element.tag)
