@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <dbAccess.h>
 #include <drvSup.h>
 #include <epicsStdio.h>
 #include <epicsStdlib.h>
@@ -23,7 +24,11 @@
 enum {
     imageSize = 65536,
     imageSizeMax = 16 << 20,
-    defaultTimeout = 2000 /* ms */
+    defaultTimeout = 2000, /* ms */
+    timeoutMin = 10,
+    timeoutMax = 60000,
+    roomMin = 100, /* bytes of a message */
+    roomMax = 1400
 };
 
 double drvEtherIP_default_rate = 0;
@@ -32,28 +37,36 @@ double EIP_TIMEOUT = 0;
 unsigned EIP_buffer_limit = 0;
 unsigned EIP_image_size = imageSize;
 
+/* Variables that C code may have set to anything: what is not possible counts as not set. */
 static double timeoutMs(void)
 {
-    return EIP_TIMEOUT >= 10 && EIP_TIMEOUT <= 60000 ? EIP_TIMEOUT : defaultTimeout;
+    return EIP_TIMEOUT >= timeoutMin && EIP_TIMEOUT <= timeoutMax ? EIP_TIMEOUT
+                                                                  : defaultTimeout;
+}
+
+static unsigned roomOf(void)
+{
+    return EIP_buffer_limit >= roomMin && EIP_buffer_limit < eipUnconnectedRoom
+               ? EIP_buffer_limit
+               : eipUnconnectedRoom;
 }
 
 static eipPlcSetup setupOf(void)
 {
     eipPlcSetup setup = {.imageSize = EIP_image_size,
-                         .room = eipUnconnectedRoom,
+                         .room = roomOf(),
                          .size = eipSizeLarge,
                          .connected = 1,
                          .instances = eipInstancesAuto};
 
-    if (EIP_buffer_limit && EIP_buffer_limit < setup.room)
-        setup.room = EIP_buffer_limit < 100 ? 100 : EIP_buffer_limit;
     return setup;
 }
 
-static void setTimeouts(eipPlc *plc)
+static void setTimeout(eipPlc *plc, void *arg)
 {
     char text[40], error[200];
 
+    (void)arg;
     epicsSnprintf(text, sizeof(text), "%g", timeoutMs());
     if (plcStationSetOption(plc->station, "requestTimeout", text, error, sizeof(error)))
         errlogSevPrintf(errlogMajor, "EtherIP %s: %s\n", plc->name, error);
@@ -155,7 +168,7 @@ static int define(const char *command, const char *name, const char *ip, const c
     plc = eipPlcCreate(command, name, ip, &setup);
     if (!plc)
         return -1;
-    setTimeouts(plc);
+    setTimeout(plc, NULL);
     return 0;
 }
 
@@ -253,11 +266,8 @@ void drvEtherIP_reset_statistics(void)
 
 static void restartPlc(eipPlc *plc, void *arg)
 {
-    char address[300], error[200];
-
     (void)arg;
-    plcStationAddress(plc->station, address, sizeof(address));
-    plcStationMove(plc->station, address, error, sizeof(error));
+    plcStationReconnect(plc->station);
 }
 
 void drvEtherIP_restart(void)
@@ -270,10 +280,10 @@ void drvEtherIP_help(void)
     printf("drvEtherIP_define_PLC PLC, ip[:port], slot     makes a PLC; slot -1: none\n"
            "etheripConfigure PLC, ip[:port], slot or route, options\n"
            "drvEtherIP_default_rate seconds                for links without a period\n"
-           "EIP_timeout ms, EIP_buffer_limit bytes         for PLCs defined from then on\n"
+           "EIP_timeout ms, EIP_buffer_limit bytes         of all PLCs\n"
            "drvEtherIP_report level, drvEtherIP_dump       PLCs, tags\n"
            "drvEtherIP_list [PLC, pattern]                 tags of the controllers\n"
-           "drvEtherIP_describe [PLC,] type                members of a structure\n"
+           "drvEtherIP_describe [PLC,] type or tag         members of a structure, by number or name\n"
            "drvEtherIP_read_tag ip, slot, tag, elements, timeout\n"
            "drvEtherIP_reset_statistics, drvEtherIP_restart\n");
 }
@@ -288,7 +298,7 @@ static int complain(const char *name, const char *why)
 
 /* What is to be asked. */
 typedef struct question {
-    const char *plc, *pattern;
+    const char *plc, *pattern, *name; /* name: of a type or tag, to be described */
     int type, status, asked;
 } question;
 
@@ -304,8 +314,9 @@ static int askPlc(eipPlc *plc, const question *q)
     printf("%s:\n", plc->name);
     status = eipClientOpen(c, address);
     if (!status)
-        status = q->type >= 0 ? eipClientPrintTemplate(c, (unsigned)q->type, stdout)
-                              : eipClientPrintList(c, q->pattern, stdout);
+        status = q->name        ? eipClientDescribe(c, q->name, stdout)
+                 : q->type >= 0 ? eipClientPrintTemplate(c, (unsigned)q->type, stdout)
+                                : eipClientPrintList(c, q->pattern, stdout);
     if (status)
         complain(plc->name, c->why);
     eipClientDestroy(c);
@@ -335,14 +346,14 @@ static int ask(const char *command, question *q)
 
 int drvEtherIP_list(const char *PLC, const char *pattern)
 {
-    question q = {PLC, pattern, -1, 0, 0};
+    question q = {PLC, pattern, NULL, -1, 0, 0};
 
     return ask("drvEtherIP_list", &q);
 }
 
 int drvEtherIP_describe(const char *PLC, int type)
 {
-    question q = {PLC, NULL, type, 0, 0};
+    question q = {PLC, NULL, NULL, type, 0, 0};
 
     return ask("drvEtherIP_describe", &q);
 }
@@ -390,9 +401,11 @@ static const iocshArg ipArg = {"ip[:port]", iocshArgString};
 static const iocshArg slotArg = {"slot [0]", iocshArgString};
 static const iocshArg routeArg = {"slot or route [0]", iocshArgString};
 static const iocshArg optionsArg = {"options", iocshArgString};
-static const iocshArg secondsArg = {"seconds", iocshArgDouble};
-static const iocshArg msArg = {"ms", iocshArgInt};
-static const iocshArg bytesArg = {"bytes", iocshArgInt};
+static const iocshArg secondsArg = {"seconds", iocshArgString};
+static const iocshArg msArg = {"ms", iocshArgString};
+static const iocshArg waitArg = {"ms", iocshArgInt};
+static const iocshArg bytesArg = {"bytes", iocshArgString};
+static const iocshArg verbosityArg = {"level", iocshArgString};
 static const iocshArg levelArg = {"level", iocshArgInt};
 static const iocshArg patternArg = {"pattern", iocshArgString};
 static const iocshArg typeArg = {"type", iocshArgString};
@@ -406,9 +419,10 @@ static const iocshArg *const rateArgs[] = {&secondsArg};
 static const iocshArg *const msArgs[] = {&msArg};
 static const iocshArg *const bytesArgs[] = {&bytesArg};
 static const iocshArg *const levelArgs[] = {&levelArg};
+static const iocshArg *const verbosityArgs[] = {&verbosityArg};
 static const iocshArg *const listArgs[] = {&plcArg, &patternArg};
 static const iocshArg *const describeArgs[] = {&plcArg, &typeArg};
-static const iocshArg *const readArgs[] = {&ipArg, &numberArg, &tagArg, &elementsArg, &msArg};
+static const iocshArg *const readArgs[] = {&ipArg, &numberArg, &tagArg, &elementsArg, &waitArg};
 
 static void initCall(const iocshArgBuf *args)
 {
@@ -427,32 +441,72 @@ static void configureCall(const iocshArgBuf *args)
                          args[3].sval));
 }
 
+/* A number as text within its limits. Returns 0; or -1 after one line: the setting stays. */
+static int setting(const char *command, const iocshArgBuf *arg, double low, double high,
+                   const char *unit, double *value)
+{
+    if (arg->sval && epicsParseDouble(arg->sval, value, NULL) == 0 && *value >= low &&
+        *value <= high)
+        return 0;
+    errlogSevPrintf(errlogMajor, "%s \"%.40s\"; allowed: %.10g to %.10g%s\n", command,
+                    arg->sval ? arg->sval : "", low, high, unit);
+    return iocshSetError(-1);
+}
+
+/* Records that are there have theirs. */
 static void rateCall(const iocshArgBuf *args)
 {
-    drvEtherIP_default_rate = args[0].dval > 0 ? args[0].dval : 0;
+    double seconds;
+
+    if (setting("drvEtherIP_default_rate", args, 0, 86400, " s (0: none)", &seconds))
+        return;
+    drvEtherIP_default_rate = seconds;
+    if (interruptAccept)
+        errlogSevPrintf(errlogInfo, "drvEtherIP_default_rate %g: for links that change from now "
+                        "on; those of iocInit keep theirs\n", seconds);
 }
 
 static void verbosityCall(const iocshArgBuf *args)
 {
-    EIP_verbosity = args[0].ival;
+    double level;
+
+    if (setting("EIP_verbosity", args, 0, 10, "", &level) == 0)
+        EIP_verbosity = (int)level;
 }
 
 static void timeoutCall(const iocshArgBuf *args)
 {
-    EIP_TIMEOUT = args[0].ival;
+    double ms;
+
+    if (setting("EIP_timeout", args, timeoutMin, timeoutMax, " ms", &ms))
+        return;
+    EIP_TIMEOUT = ms;
+    eipPlcEach(setTimeout, NULL);
+}
+
+static void setRoom(eipPlc *plc, void *arg)
+{
+    (void)arg;
+    plc->connect.room = roomOf();
+    eipWorkerSetConnect(plc->worker, &plc->connect);
 }
 
 static void limitCall(const iocshArgBuf *args)
 {
-    EIP_buffer_limit = args[0].ival > 0 ? (unsigned)args[0].ival : 0;
+    double bytes;
+
+    if (setting("EIP_buffer_limit", args, roomMin, roomMax, " bytes", &bytes))
+        return;
+    EIP_buffer_limit = (unsigned)bytes;
+    eipPlcEach(setRoom, NULL);
 }
 
 static void imageCall(const iocshArgBuf *args)
 {
-    if (args[0].ival >= 64 && args[0].ival <= imageSizeMax)
-        EIP_image_size = (unsigned)args[0].ival;
-    else
-        iocshSetError(complain("drvEtherIP_image_size", "allowed: 64 to 16777216 bytes"));
+    double bytes;
+
+    if (setting("drvEtherIP_image_size", args, 64, imageSizeMax, " bytes", &bytes) == 0)
+        EIP_image_size = (unsigned)bytes;
 }
 
 static void reportCall(const iocshArgBuf *args)
@@ -475,12 +529,18 @@ static void listCall(const iocshArgBuf *args)
 static void describeCall(const iocshArgBuf *args)
 {
     const char *text = args[1].sval ? args[1].sval : args[0].sval;
-    epicsInt32 type;
+    question q = {args[1].sval ? args[0].sval : NULL, NULL, text, -1, 0, 0};
+    epicsInt32 type = 1;
 
-    if (!text || epicsParseInt32(text, &type, 0, NULL) || type < 0 || type > 4095)
-        iocshSetError(complain("drvEtherIP_describe", "needs [PLC,] type; allowed: 1 to 4095"));
-    else
-        iocshSetError(drvEtherIP_describe(args[1].sval ? args[0].sval : NULL, type));
+    if (text && epicsParseInt32(text, &type, 0, NULL) == 0)
+        q.name = NULL;
+    if (!text || !*text || type < 1 || type > 4095) {
+        iocshSetError(complain("drvEtherIP_describe", "needs [PLC,] type or tag; allowed: 1 to 4095, "
+                               "or the name of a type or tag"));
+        return;
+    }
+    q.type = type;
+    iocshSetError(ask("drvEtherIP_describe", &q));
 }
 
 static void resetCall(const iocshArgBuf *args)
@@ -527,12 +587,12 @@ static const struct {
         "  etheripConfigure plc1, 10.0.0.4:44818, \"1,6,18,10.206.1.40,1,4\", image=262144\n")},
      configureCall},
     {{"drvEtherIP_default_rate", 1, rateArgs USAGE("Period of links without one.\n")}, rateCall},
-    {{"EIP_verbosity", 1, levelArgs USAGE("Kept for scripts; has no effect.\n")}, verbosityCall},
+    {{"EIP_verbosity", 1, verbosityArgs USAGE("Kept for scripts; has no effect.\n")}, verbosityCall},
     {{"EIP_timeout", 1, msArgs USAGE(
-        "Time for each answer, of PLCs defined from then on; option requestTimeout.\n")},
+        "Time for each answer, of all PLCs; option requestTimeout.\n")},
      timeoutCall},
     {{"EIP_buffer_limit", 1, bytesArgs USAGE(
-        "Bytes of a message without connection, of PLCs defined from then on.\n")}, limitCall},
+        "Bytes of a message without connection, of all PLCs, from their next session on.\n")}, limitCall},
     {{"drvEtherIP_image_size", 1, bytesArgs USAGE(
         "Bytes for the tags of a PLC, of PLCs defined from then on: 16 for each number.\n")},
      imageCall},

@@ -11,7 +11,7 @@ extern "C" {
 
 extern double drvEtherIP_default_rate; /* s, for links without a period; 0: none */
 extern int EIP_verbosity;              /* 0 to 10; kept for scripts, has no effect */
-extern double EIP_TIMEOUT;             /* ms, for PLCs defined from then on; 0: 2000 */
+extern double EIP_TIMEOUT;             /* ms, for PLCs defined from then on; 10 to 60000, else 2000 */
 extern unsigned EIP_buffer_limit;      /* bytes of an unconnected message at most */
 extern unsigned EIP_image_size;        /* bytes for the tags of a PLC defined from then on */
 

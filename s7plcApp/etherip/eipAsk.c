@@ -66,8 +66,7 @@ eipOutcome eipWorkerExchange(eipWorker *w, size_t n, unsigned ms, size_t *length
 static int isOver(const eipAnswer *a)
 {
     return a->status == eipConnectionFailure &&
-           (a->extended == eipExtNoConnection || a->extended == 0x0203 ||
-            a->extended == 0x0204 || a->extended == 0x0205 || a->extended == 0x0311 ||
+           (a->extended == 0x0203 || a->extended == 0x0204 || a->extended == 0x0205 || a->extended == 0x0311 ||
             a->extended == 0x0312);
 }
 
@@ -89,7 +88,27 @@ void eipWorkerBlame(eipWorker *w)
     }
 }
 
-int eipWorkerAsk(eipWorker *w, eipWriter *m, eipAnswer *answer)
+/* Opens the connection in the controller again, as it was. Returns 0, or -1: the session is
+ * over. */
+static int reopen(eipWorker *w)
+{
+    unsigned room = w->connect.room;
+    size_t n, length;
+
+    eipConnectReopen(&w->connect);
+    while ((n = eipConnectNext(&w->connect, w->frame, eipFrameMax)) != 0)
+        if (eipWorkerExchange(w, n, eipWorkerTimeout(w), &length) != eipAnswered ||
+            eipConnectTake(&w->connect, w->socket.buffer, length, w->lost, sizeof(w->lost)))
+            return -1;
+    if (w->connect.session.connected && w->connect.room >= room) {
+        eipWorkerNote(w, "the PLC did not know the connection any more: opened again");
+        return 0;
+    }
+    strcpy(w->lost, "connection not known to the PLC");
+    return -1;
+}
+
+static int ask(eipWorker *w, eipWriter *m, eipAnswer *answer)
 {
     size_t length, n = m->full ? 0
                                : eipSessionWrap(&w->connect.session, eipWayNormal, m->start,
@@ -106,7 +125,22 @@ int eipWorkerAsk(eipWorker *w, eipWriter *m, eipAnswer *answer)
         eipWorkerBlame(w); /* twice: it has answered, and does not know this */
         return -1;
     }
-    if (isOver(answer)) {
+    return 0;
+}
+
+static int isForgotten(const eipAnswer *a)
+{
+    return a->status == eipConnectionFailure && a->extended == eipExtNoConnection;
+}
+
+int eipWorkerAsk(eipWorker *w, eipWriter *m, eipAnswer *answer)
+{
+    if (ask(w, m, answer))
+        return -1;
+    if (isForgotten(answer) && w->connect.session.connected &&
+        (reopen(w) || ask(w, m, answer)))
+        return -1;
+    if (isOver(answer) || isForgotten(answer)) {
         eipStatusText(answer->status, answer->extended, w->lost, sizeof(w->lost));
         return -1;
     }

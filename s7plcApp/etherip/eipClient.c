@@ -512,6 +512,38 @@ static int typeOf(eipClient *c, const char *base, unsigned *type, epicsUInt32 di
     return missing ? fail(c, "no such member") : 0;
 }
 
+/* Fetches the template of a structure, and those of its members. */
+static void fetch(eipClient *c, unsigned type)
+{
+    const eipTemplate *t;
+    unsigned i;
+
+    if (!eipIsStructure(type) || c->templates.table[eipTemplateId(type)])
+        return;
+    t = eipClientTemplate(c, eipTemplateId(type));
+    for (i = 0; t && i < t->count; i++)
+        fetch(c, t->members[i].type);
+}
+
+static void fetchSymbol(eipClient *c, const char *name, const eipSymbol *symbol, void *arg)
+{
+    (void)name, (void)arg;
+    fetch(c, symbol->type);
+}
+
+/* A structure that some tag has. Returns its id, or 0: there is none of this name. */
+static unsigned structureNamed(eipClient *c, const char *name)
+{
+    unsigned i;
+
+    if (eipClientList(c, fetchSymbol, NULL))
+        return 0;
+    for (i = 0; i < eipTemplatesMax; i++)
+        if (c->templates.table[i] && epicsStrCaseCmp(c->templates.table[i]->name, name) == 0)
+            return i;
+    return 0;
+}
+
 int eipClientDescribe(eipClient *c, const char *tag, FILE *file)
 {
     epicsUInt32 dimension[3];
@@ -522,7 +554,9 @@ int eipClientDescribe(eipClient *c, const char *tag, FILE *file)
 
     if (eipNameParse(tag, 0, &name, &column, error, sizeof(error)))
         return fail(c, "%s (at %u)", error, (unsigned)column + 1);
-    if (typeOf(c, name.base, &type, dimension))
-        return -1;
-    return describe(c, tag, type, dimension, file);
+    if (typeOf(c, name.base, &type, dimension) == 0)
+        return describe(c, tag, type, dimension, file);
+    epicsSnprintf(error, sizeof(error), "%s", c->why);
+    type = structureNamed(c, tag);
+    return type ? eipClientPrintTemplate(c, type, file) : fail(c, "%s", error);
 }

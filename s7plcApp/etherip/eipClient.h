@@ -74,7 +74,8 @@ int eipClientPrintList(eipClient *c, const char *pattern, FILE *file);
 /* The template of this id, from the PLC the first time; NULL: it has none. */
 const eipTemplate *eipClientTemplate(eipClient *c, unsigned id);
 
-/* Prints a template, or the type of a tag or member with that of its structure. */
+/* Prints a template, or the type of a tag or member (or of a structure, by its name) with that of
+ * its members. */
 int eipClientPrintTemplate(eipClient *c, unsigned id, FILE *file);
 int eipClientDescribe(eipClient *c, const char *tag, FILE *file);
 

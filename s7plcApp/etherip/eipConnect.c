@@ -242,6 +242,15 @@ int eipConnectTake(eipConnect *c, const void *frame, size_t length, char *why, s
                                       : opened(c, &a, why, size);
 }
 
+void eipConnectReopen(eipConnect *c)
+{
+    c->session.connected = 0;
+    c->session.sequence = 0;
+    c->tries = 0;
+    newTriad(c);
+    c->step = c->session.opening.large ? eipStepLarge : eipStepSmall;
+}
+
 int eipConnectNoAnswer(eipConnect *c)
 {
     if (c->step == eipStepRegister || c->step == eipStepDone)

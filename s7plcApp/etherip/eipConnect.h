@@ -78,6 +78,10 @@ size_t eipConnectNext(eipConnect *c, void *frame, size_t room);
 /* The answer to it. Returns 0, or -1: the TCP connection is of no use any more, and why. */
 int eipConnectTake(eipConnect *c, const void *frame, size_t length, char *why, size_t size);
 
+/* The controller does not know the connection any more: it is opened again, in the session that
+ * is there. */
+void eipConnectReopen(eipConnect *c);
+
 /* No answer came in time, or the PLC has closed the TCP connection. The next time this step
  * is left out, where that is possible. Returns 1 when it was, else 0. */
 int eipConnectNoAnswer(eipConnect *c);

@@ -109,11 +109,10 @@ static void end(void *pvt)
     eipWorkerEnd(((eipPlc *)pvt)->worker);
 }
 
-/* The worker need not ask anything, where nothing is wanted. */
 static double pauseOf(void *pvt, const plcOptions *o)
 {
-    (void)pvt, (void)o;
-    return 0;
+    (void)o;
+    return eipWorkerPause(((eipPlc *)pvt)->worker);
 }
 
 static void options(void *pvt, const plcOptions *o)

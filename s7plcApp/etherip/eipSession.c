@@ -95,6 +95,12 @@ static int isContext(const eipSession *s, const epicsUInt8 *context)
            (s->command == eipSendUnitData && memcmp(context, none, eipContextSize) == 0);
 }
 
+/* Some say so of a connection that they do not know any more, others by its status. */
+static int isForgotten(const eipSession *s, const eipHeader *h)
+{
+    return s->command == eipSendUnitData && h->status == 1 && !h->length;
+}
+
 int eipSessionUnwrap(const eipSession *s, const void *frame, size_t length,
                      eipAnswer *answer, char *why, size_t size)
 {
@@ -104,7 +110,7 @@ int eipSessionUnwrap(const eipSession *s, const void *frame, size_t length,
 
     if (takeHeader(s, &r, &h, why, size))
         return -1;
-    if (h.status) {
+    if (h.status && !isForgotten(s, &h)) {
         epicsSnprintf(why, size, "%s", eipFrameStatusText(h.status));
         return -1;
     }
@@ -112,6 +118,11 @@ int eipSessionUnwrap(const eipSession *s, const void *frame, size_t length,
         return fail(why, size, "answer to another session");
     if (!isContext(s, h.context))
         return fail(why, size, "answer to another request");
+    if (h.status) {
+        *answer = (eipAnswer){.service = s->service, .status = eipConnectionFailure,
+                              .extended = eipExtNoConnection};
+        return 0;
+    }
     if (eipItemsTake(&r, s->command, &items))
         return fail(why, size, "answer not understood");
     if (s->command == eipSendUnitData && items.connection != s->opened.fromPlc &&

@@ -7,6 +7,8 @@
 
 #include "eipWorkerPvt.h"
 
+enum { keepMs = 8000 }; /* 4 intervals of a connection: it may be silent for so long */
+
 static void worker(void *arg);
 
 /* --- Life ---------------------------------------------------------------------------------- */
@@ -233,6 +235,23 @@ void eipWorkerStateGet(eipWorker *w, eipWorkerState *state)
     epicsMutexUnlock(w->tagsLock);
 }
 
+/* While it opens a session it asks on and on; then a period is due, or the connection must be
+ * kept. */
+double eipWorkerPause(eipWorker *w)
+{
+    double pause = keepMs;
+    unsigned i;
+
+    epicsMutexMustLock(w->lock);
+    if (w->state.connected && !w->state.keeps)
+        pause = w->classCount ? 1e10 : 0;
+    for (i = 0; w->state.connected && i < w->classCount; i++)
+        if (w->classes[i].period < pause)
+            pause = w->classes[i].period;
+    epicsMutexUnlock(w->lock);
+    return pause;
+}
+
 int eipWorkerTimes(eipWorker *w, unsigned period, eipTimes *times)
 {
     unsigned i, best = 0, found = 0;
@@ -339,6 +358,7 @@ static void openSession(eipWorker *w)
     if (eipWorkerEnter(w)) {
         w->state.connected = 1;
         w->state.identity = w->connect.identity;
+        w->state.keeps = w->connect.session.connected;
         eipConnectText(&w->connect, w->state.way, sizeof(w->state.way));
         if (!w->setup.outSize)
             w->news.shown = 1;
@@ -425,7 +445,7 @@ static void takeOrders(eipWorker *w)
 /* A connection on which nobody asks anything would be closed by the PLC. */
 static int keepAlive(eipWorker *w, epicsUInt64 now, epicsUInt64 *next)
 {
-    epicsUInt64 pause = (epicsUInt64)w->connect.session.opening.interval * 4000;
+    epicsUInt64 pause = keepMs * EIP_NS_PER_MS;
     epicsUInt8 path[12];
     eipWriter m = eipWorkerWriter(w);
     eipAnswer answer;

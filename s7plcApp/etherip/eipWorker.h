@@ -26,7 +26,8 @@ typedef struct eipWorkerOptions {
 
 /* What it knows, for reports. */
 typedef struct eipWorkerState {
-    int connected;        /* the session is open */
+    int connected;        /* the session is open, */
+    int keeps;            /* with a connection that must be kept alive */
     eipIdentity identity;
     char way[60];         /* "connected, 4002 bytes" */
     unsigned tags, known, bad, units;
@@ -62,6 +63,9 @@ void eipWorkerStart(eipWorker *w, SOCKET socket);
 void eipWorkerStop(eipWorker *w);
 void eipWorkerPut(eipWorker *w); /* there are puts in the output image */
 int eipWorkerTake(eipWorker *w, plcNews *news, void *input, void *output);
+
+/* So long it may go without any request, ms; 0: it need not make one. */
+double eipWorkerPause(eipWorker *w);
 
 void eipWorkerStateGet(eipWorker *w, eipWorkerState *state);
 

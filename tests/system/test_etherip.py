@@ -48,10 +48,10 @@ class Plant:
                 return int(found.group(1))
         return None
 
-    def records(self, *records, before="", slot=0, **kw):
+    def records(self, *records, before="", slot=0, configure="", **kw):
         self.ioc = self.new_ioc(
             f'{before}\ndrvEtherIP_init\ndrvEtherIP_define_PLC("P", "127.0.0.1:{self.port}", '
-            f'{slot})', "".join(records), program="eipIoc", **kw)
+            f'{slot})\n{configure.format(port=self.port)}', "".join(records), program="eipIoc", **kw)
         return self
 
     def tag(self, name):
@@ -717,6 +717,75 @@ def test_commands(plant):
     plant.set("D[3]", 6)
     plant.ioc.wait_value("d", 6)
     assert plant.ioc.get("errors") >= 0
+
+
+def test_settings(plant):
+    """EIP_timeout, EIP_buffer_limit and the rest hold for PLCs that are there; silly ones are one line"""
+    plant.tags("tag A DINT = 3", profile="enet")
+    plant.records(rec("longin", "a", "A"), before="drvEtherIP_default_rate 0.05",
+                  configure='etheripConfigure("Q", "127.0.0.1:{port}", 0, "connected=no")\n'
+                            "EIP_timeout 1500\nEIP_buffer_limit 300")
+    plant.ioc.wait_value("a", 3)
+    report = plant.ioc.command("drvEtherIP_report 1")
+    assert report.count("requestTimeout=1500") == 2 and "unconnected, 300 bytes" in report
+    for line, words in [("EIP_timeout 5", 'EIP_timeout "5"; allowed: 10 to 60000 ms'),
+                        ("EIP_timeout", 'EIP_timeout ""; allowed: 10 to 60000 ms'),
+                        ("EIP_timeout x", 'EIP_timeout "x"; allowed'),
+                        ("EIP_buffer_limit -3", "allowed: 100 to 1400 bytes"),
+                        ("EIP_verbosity 99", "allowed: 0 to 10"),
+                        ("drvEtherIP_default_rate nan", "allowed: 0 to 86400 s (0: none)"),
+                        ("drvEtherIP_default_rate -1", "allowed: 0 to 86400 s (0: none)"),
+                        ("drvEtherIP_default_rate 2", "those of iocInit keep theirs"),
+                        ("drvEtherIP_image_size 3", "allowed: 64 to 16777216 bytes")]:
+        before = len(plant.ioc.lines)
+        plant.ioc.command(line)
+        said = [text for text in plant.ioc.lines[before:] if "allowed" in text or "theirs" in text]
+        assert len(said) == 1 and words in said[0], (line, said)
+    assert "requestTimeout=1500" in plant.ioc.command("drvEtherIP_report 1")
+    plant.ioc.command("EIP_timeout 700")
+    assert plant.ioc.command("drvEtherIP_report 1").count("requestTimeout=700") == 2
+
+
+def test_restart(plant):
+    """drvEtherIP_restart connects anew, and the log says that and no other reason"""
+    plant.tags("tag A DINT = 3")
+    plant.records(rec("longin", "a", "A S 0.05"))
+    plant.ioc.wait_value("a", 3)
+    plant.ioc.command("drvEtherIP_restart")
+    until(lambda: "2 made, 1 lost" in plant.ioc.command("drvEtherIP_report 1"))
+    assert "address changed" not in plant.ioc.log and "connects anew by command" in plant.ioc.log
+    until(lambda: plant.ioc.severity("a") == "NO_ALARM")
+
+
+def test_forgotten_connection(plant):
+    """A connection that the controller has forgotten is opened again; TCP stays, no value is lost"""
+    plant.tags("tag A DINT = 3", "tag B DINT", "tag C DINT[4000] = 1")
+    plant.records(rec("longin", "a", "A S 0.02"), rec("longout", "b", "B S 1"),
+                  rec("waveform", "c", "C S 0.1", "FTVL=LONG", "NELM=4000"))
+    plant.ioc.wait_value("a", 3)
+    until(lambda: plant.ioc.severity("b") == "NO_ALARM")
+    for n in range(1, 21):
+        plant.sim.command("etherip timeout")
+        plant.ioc.put("b", n)
+        assert plant.tag("B") == str(n) and plant.ioc.severity("b") == "NO_ALARM"
+        plant.set("A", n)
+        plant.ioc.wait_value("a", n)
+        assert plant.ioc.severity("a") == plant.ioc.severity("c") == "NO_ALARM"
+    assert "1 made, 0 lost" in plant.ioc.command("drvEtherIP_report 1")
+    assert "opened again" in plant.ioc.log
+
+
+def test_describe(plant):
+    """drvEtherIP_describe and plcTag describe take the number or name of a structure, or a tag"""
+    plant.tags("udt Axis Pos:INT State:SINT", "udt Motor axis:Axis[2] Speed:DINT", "tag M Motor")
+    plant.records(rec("longin", "s", "M.Speed S 0.05"))
+    plant.ioc.wait_value("s", 0)
+    for line in ("drvEtherIP_describe Motor", "drvEtherIP_describe P, motor", "drvEtherIP_describe M"):
+        assert re.search(r"\.axis +Axis\[2\]", plant.ioc.command(line)), line
+    assert re.search(r"\.Pos +INT", plant.ioc.command("drvEtherIP_describe P, Axis"))
+    assert re.search(r"\.State +SINT", plant.ioc.command("drvEtherIP_describe P, M.axis[1]"))
+    assert "lists no such tag" in plant.ioc.command("drvEtherIP_describe Nix")
+    assert "allowed: 1 to 4095" in plant.ioc.command("drvEtherIP_describe 0")
 
 
 def test_another_address(plant):

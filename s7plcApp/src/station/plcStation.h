@@ -255,6 +255,9 @@ void plcStationLineAddress(plcStation *station, unsigned line, char *text, size_
 
 int plcStationMove(plcStation *station, const char *text, char *error, size_t size);
 
+/* All its connections end, and are made anew. Any thread. */
+void plcStationReconnect(plcStation *station);
+
 /* A line in the log of this PLC; transitions only, at most some per minute pass, the rest
  * is counted. Only for a policy, in the station's thread. `severity` is an errlogSevEnum. */
 void plcStationLog(plcStation *station, int severity, const char *text);

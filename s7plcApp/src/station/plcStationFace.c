@@ -397,6 +397,15 @@ int plcStationMove(plcStation *s, const char *text, char *error, size_t size)
     return 0;
 }
 
+void plcStationReconnect(plcStation *s)
+{
+    epicsMutexMustLock(s->lock);
+    s->anew = 1;
+    s->moved |= (1u << s->lineCount) - 1;
+    epicsMutexUnlock(s->lock);
+    plcStationWake(s);
+}
+
 void plcStationSend(plcStation *s)
 {
     epicsAtomicSetIntT(&s->sendNow, 1);

@@ -134,7 +134,8 @@ struct plcStation {
     int plus[PLC_LINES_MAX];
     int port[PLC_LINES_MAX];
     int outHere;                   /* the output line goes to the address of line 0 */
-    unsigned moved;                /* bit i: address or port of line i is new */
+    unsigned moved;                /* bit i: address or port of line i is new, */
+    int anew;                      /* or is to be connected anew all the same */
     char reason[PLC_REASON_SIZE];  /* why not connected */
     char outReason[PLC_REASON_SIZE]; /* the same of a line that is only for output */
     int layoutState;               /* plcLayoutUnknown, ...: what layoutAt has shown */

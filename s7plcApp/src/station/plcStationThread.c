@@ -274,7 +274,7 @@ static void heldUp(plcStation *s, epicsUInt64 now)
 /* Takes over what other threads have changed. */
 PLC_HOT static void takeOrders(plcStation *s, epicsUInt64 now)
 {
-    const char *why = "PLC address changed";
+    const char *why;
     unsigned i;
     unsigned moved;
     int changed;
@@ -286,6 +286,8 @@ PLC_HOT static void takeOrders(plcStation *s, epicsUInt64 now)
     s->optionsChanged = 0;
     moved = s->moved;
     s->moved = 0;
+    why = s->anew ? "connects anew by command" : "PLC address changed";
+    s->anew = 0;
     epicsMutexUnlock(s->lock);
     if (changed && s->policy->options)
         s->policy->options(s->policyPvt, &s->now);
