@@ -101,10 +101,14 @@ static int listed(eipConnect *c, eipReader *r, epicsUInt32 status, char *why, si
 {
     unsigned count = eipTake16(r);
     const epicsUInt8 *item;
+    size_t length;
 
     if (!status && count) {
         eipTake16(r);
-        item = eipTake(r, eipTake16(r));
+        length = eipTake16(r);
+        item = eipTake(r, length);
+        if (item && length <= listServicesHead)
+            item = NULL; /* too short to say anything */
         if (item && item[listServicesHead] & canTcp) {
             advance(c, eipStepRegister);
             return 0;

@@ -506,6 +506,9 @@ static void testSteps(void)
                       "01 00 00 01 14 00 01 00 00 01 43 6F 6D 6D 75 6E 69 63 61 74 69 6F 6E"
                       "73 00 00") == -1,
            "a server without CIP over TCP is refused: %s", why);
+    c = connectOf("1,0", 0);
+    testOk(answerStep(&c, 0, "01 00 00 01 02 00 AA BB") == 0 && c.step == eipStepRegister,
+           "an item too short to tell is not read beyond its end");
     c = connectOf("1,0", 1u << eipStepList);
     eipConnectNext(&c, frame, sizeof(frame));
     eipSetUnsigned(frame + 8, 4, 1);
