@@ -243,6 +243,12 @@ static const eipMember *memberOf(const eipTemplate *t, const char *name, size_t 
     return NULL;
 }
 
+/* This template must be known first. No template has the number 0. */
+static int unknown(unsigned id)
+{
+    return id ? (int)id : -1;
+}
+
 /* "b[2].c": one name at a time. */
 int eipMemberFind(const eipTemplates *templates, unsigned id, const char *path,
                   eipMemberPlace *place)
@@ -253,7 +259,7 @@ int eipMemberFind(const eipTemplates *templates, unsigned id, const char *path,
     int more;
 
     if (!t)
-        return (int)id;
+        return unknown(id);
     m = memberOf(t, path, n);
     if (!m)
         return -1;
@@ -266,7 +272,7 @@ int eipMemberFind(const eipTemplates *templates, unsigned id, const char *path,
                      ? (int)(m->info & 7)
                      : -1;
     if (eipIsStructure(m->type) && !place->size)
-        return (int)eipTemplateId(m->type);
+        return unknown(eipTemplateId(m->type));
     path += n;
     if (*path == '[') {
         char *end;

@@ -399,13 +399,23 @@ static int asOne(const eipTags *t, const eipUnit *u)
     return t->omron && !u->whole && u->count > 1;
 }
 
+/* What stands in the path behind the name: the first element, perhaps even where it is 0. */
+static epicsUInt32 firstElement(const eipTags *t, const eipUnit *u)
+{
+    return asOne(t, u) ? 0 : u->first;
+}
+
+static int hasElement(const eipTags *t, const eipUnit *u)
+{
+    return firstElement(t, u) || (!u->whole && t->tags[u->tag].indexed);
+}
+
 void eipUnitPut(eipWriter *w, const eipTags *t, const eipUnit *u, int byInstance, long fragment)
 {
     const eipTag *tag = &t->tags[u->tag];
 
     putPath(w, u->whole ? u->whole : tag->base, byInstance ? tag->instance : 0,
-            asOne(t, u) ? 0 : u->first, !u->whole && tag->indexed,
-            fragment < 0 ? eipReadTag : eipReadFragment);
+            firstElement(t, u), hasElement(t, u), fragment < 0 ? eipReadTag : eipReadFragment);
     eipPut16(w, asOne(t, u) ? 1 : u->count);
     if (fragment >= 0)
         eipPut32(w, (epicsUInt32)fragment);
@@ -423,9 +433,7 @@ eipLoad eipUnitLoad(const eipTags *t, const eipUnit *u, int byInstance)
     load.request = serviceHead + countBytes +
                    (unsigned)eipPathBytes(u->whole ? u->whole : tag->base,
                                           byInstance ? tag->instance : 0) +
-                   ((u->first || (tag->indexed && !u->whole)) && !asOne(t, u)
-                        ? (unsigned)eipIndexBytes(u->first)
-                        : 0);
+                   (hasElement(t, u) ? (unsigned)eipIndexBytes(firstElement(t, u)) : 0);
     data += eipAnswerHead + (structure ? 4 : 2);
     load.answer = data > 0x7fffffff ? 0x7fffffff : (unsigned)data;
     return load;

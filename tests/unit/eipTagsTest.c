@@ -518,6 +518,7 @@ static void testTemplates(void)
 
     testOk(strcmp(t->name, "Motor") == 0 && strcmp(t->members[5].name, "Temps") == 0,
            "members of %s", t->name);
+    testOk(eipMemberFind(&known, 0, "Pos", &place) == -1, "no structure has template 0");
     known.table[0x101] = t;
     testOk(eipMemberFind(&known, 0x101, "axis[1].Pos", &place) == 0x102,
            "the template of a member is needed");
@@ -674,6 +675,25 @@ static void testUnits(void)
                t.units[4].first == 7,
            "a run that was refused is halved");
     testOk(eipUnitSplit(&t, 4) == 0, "a single element is not");
+    eipTagsFree(&t);
+}
+
+/* A row of an array of more than one dimension, as Omron reads it: whole, from its beginning. */
+static void testOmronRow(void)
+{
+    eipWant *w = calloc(1, sizeof(*w));
+    char hex[200];
+    eipTags t;
+
+    w[0] = want("Grid[1]", 2, 3, eipArrayPlace, 100, 0);
+    w[0].indexed = 1;
+    eipTagsInit(&t);
+    t.omron = 1;
+    eipTagsSet(&t, w, 1);
+    learn(&t, "Grid[1]", "C4 00 01 00 00 00");
+    eipUnitsMake(&t);
+    putOf(&t, &t.units[0], hex);
+    testOk(strcmp(hex, "4C 05 91 04 47 72 69 64 28 01 28 00 01 00") == 0, "Omron's row: %s", hex);
     eipTagsFree(&t);
 }
 
@@ -889,6 +909,7 @@ MAIN(eipTagsTest)
     testSymbols();
     testTemplates();
     testUnits();
+    testOmronRow();
     testWhole();
     testTexts();
     testSet();
