@@ -22,15 +22,11 @@
 
 enum { cmdBegin = 1, cmdPart, cmdCommit, cmdAbort };
 
-int simTablesInit(simTables *t, unsigned db, char error[SIM_ERROR_SIZE])
+static int makeBlocks(simTables *t, unsigned db, char error[SIM_ERROR_SIZE])
 {
     static const char *const names[] = {"MAP_A", "MAP_B"};
     int i;
 
-    t->active = -1;
-    t->pause = -1;
-    if (!t->rows)
-        return 0;
     if (!t->tx || !t->rx || t->tx->size < SIM_TABLES_STATUS || t->rx->size < 16)
         return simFail(error, "with map = on, in and out need 16 bytes at least");
     for (i = 0; i < 2; i++) {
@@ -45,6 +41,16 @@ int simTablesInit(simTables *t, unsigned db, char error[SIM_ERROR_SIZE])
         return simFail(error, "MAP cannot be DB%u: there is such a block already",
                        db + 2);
     return 0;
+}
+
+int simTablesInit(simTables *t, unsigned db, char error[SIM_ERROR_SIZE])
+{
+    t->active = -1;
+    t->pause = -1;
+    if (!t->rows || makeBlocks(t, db, error) == 0)
+        return 0;
+    t->rows = 0; /* what is read of the file behind the error finds no tables */
+    return -1;
 }
 
 static void keep(simTables *t)
