@@ -255,7 +255,7 @@ static int resolve(plcAsynView *view, plcLinkError *doubt, char *error, size_t s
     view->order = plcLinkOrder(&link, plcStationOrder(place->station));
     if (faces[view->face].element && measureArray(view, &place->link, error, size))
         return -1;
-    if (checkPlace(view->offset, view->length ? view->length : 1, blockSize(place),
+    if (checkPlace(view->offset, view->length ? view->length : view->type->size, blockSize(place),
                    place->output ? "out" : "in", error, size))
         return -1;
     if (view->bit >= 0)

@@ -236,6 +236,8 @@ BAD = [  # what is wrong, drvInfo, record type, DTYP, the message
      "T=INT16 does not fit asynOctet; allowed: STRING"),
     ("a string without characters", "0 T=STRING L=0", "stringin", "asynOctetRead",
      "L=0; allowed for asynOctet: 1 element or more"),
+    ("an array without room for one element", "15", "waveform", "asynInt16ArrayIn",
+     "15 + 2 bytes exceed the input block; inSize is 16"),
     ("an array too long", "0 T=INT16 L=9", "waveform", "asynInt16ArrayIn",
      "bytes exceed the input block; inSize is 16"),
     ("elements of another size", "0 T=INT32", "waveform", "asynInt16ArrayIn",
