@@ -9,7 +9,7 @@ ifneq ($(words $(CURDIR)),1)
 endif
 
 .PHONY: help demo demo-redundant demo-sync demo-asyn demo-modbus demo-tables demo-etherip demo-map test bench docs \
-    displays
+    displays fuzz
 
 HELP = "make                 build (needs EPICS_BASE, see configure/RELEASE)" \
     "make rebuild         clean, then build: after an update of the sources" \
@@ -25,6 +25,7 @@ HELP = "make                 build (needs EPICS_BASE, see configure/RELEASE)" \
     "make demo-asyn       the same PLC as an asyn port (where ASYN is set)" \
     "make test            all tests" \
     "make bench           speed" \
+    "make fuzz            all parsers with random bytes; MINUTES=<n> for each, default 0.2" \
     "make displays        pictures of the displays, by PyDM; PHOEBUS=<folder>: by Phoebus" \
     "make docs            the documents as a site in docs/O.site; each warning is an error" \
     "The demos, test, bench and docs bring all they need on Debian, an EPICS Base too."
@@ -36,7 +37,7 @@ ifneq ($(filter help,$(MAKECMDGOALS)),)
   help: ; @printf '%s\n' $(HELP)
 else ifneq ($(filter docs,$(MAKECMDGOALS)),)
   docs: ; @docs/build
-else ifneq ($(filter demo demo-% test bench displays,$(MAKECMDGOALS)),)
+else ifneq ($(filter demo demo-% test bench displays fuzz,$(MAKECMDGOALS)),)
   ifneq ($(origin EPICS_BASE),file)
     # GNU make makes this included file when it is missing, then reads it and goes on.
     include configure/RELEASE.local
@@ -56,6 +57,7 @@ else ifneq ($(filter demo demo-% test bench displays,$(MAKECMDGOALS)),)
   test: ; @+tests/run
   bench: ; @+$(BUILD) && exec tests/bench/run
   displays: ; @+$(BUILD) && exec tests/displays/run
+  fuzz: ; @tests/fuzz/run $(addprefix -m ,$(MINUTES))
 else ifneq ($(filter rebuild,$(MAKECMDGOALS)),)
   # Compiled files remember the headers they were made from by name: after an update that
   # has moved or removed one, make stops with "No rule to make target".

@@ -7,6 +7,7 @@
 #   configure/setup.sh map     what plcmap needs: Python
 #   configure/setup.sh python  make the Python environment of the system tests, print its path
 #   configure/setup.sh docs    the same of the tools for the documents
+#   configure/setup.sh fuzz    what tests/fuzz/run needs: clang with libFuzzer
 #   configure/setup.sh displays  the same for pictures of displays (tests/displays/run)
 #
 # Debian 12 and 13. What is there already is used; nothing is downloaded twice. Everything
@@ -168,13 +169,18 @@ displays() {
     environment displays tests/displays/requirements.txt
 }
 
+fuzz() {
+    packages build-essential python3 libmodbus-dev clang llvm libclang-rt-dev
+}
+
 case ${1:-} in
     base) base ;;
+    fuzz) fuzz ;;
     map) packages python3 ;;
     named) named ;;
     release) write_release "$EPICS_BASE" ;;
     python) python ;;
     docs) documents ;;
     displays) displays ;;
-    *) die "usage: configure/setup.sh base|map|named|release|python|docs|displays" ;;
+    *) die "usage: configure/setup.sh base|map|named|release|python|docs|fuzz|displays" ;;
 esac

@@ -1,5 +1,5 @@
-"""Mutilated copies of maps and exports: refused or read, never with an internal error. The number
-for a longer run: PLCMAP_MUTANTS=20000."""
+"""Mutilated copies of maps and exports: refused or read, never with an internal error. For a longer
+run the number, PLCMAP_MUTANTS=20000, and which ones, PLCMAP_SEED=7 (make fuzz does that)."""
 import os
 import random
 
@@ -11,6 +11,7 @@ import tank as example
 from conftest import plcmap
 
 COUNT = int(os.environ.get("PLCMAP_MUTANTS", "1000"))
+SEED = 1000 * int(os.environ.get("PLCMAP_SEED", "0"))
 PIECES = [b'"', b"'", b";", b",", b"\n", b"<", b">", b"[", b"]", b"99999999999", b"-1", b"\0", b"\xff\xfe",
           b"STRUCT", b"END_STRUCT;", b"ARRAY [1..99999] OF ", b"{", b"(*", b"//", b"$", b"&amp;", b"\r",
           b"\t", b"..", b"@", b"|", b"=", b"!", b"NaN", b"inf", b"1e999", b"\xe2\x80\xae", b"VALVE", b"%"]
@@ -40,7 +41,7 @@ def mutilated(data, rnd):
 @pytest.mark.parametrize("part", range(4))
 def test_exports(tmp_path, part):
     """exports, part {part}"""
-    rnd = random.Random(100 + part)
+    rnd = random.Random(SEED + 100 + part)
     originals = list(forms.FORMS.values()) + list(forms.OTHERS.values())
     statuses = set()
     for _ in range(COUNT // 8):
@@ -53,7 +54,7 @@ def test_exports(tmp_path, part):
 @pytest.mark.parametrize("part", range(4))
 def test_maps(tmp_path, part):
     """maps, part {part}: check, place, show, diff, generate"""
-    rnd = random.Random(200 + part)
+    rnd = random.Random(SEED + 200 + part)
     folder = example.write(tmp_path / "a")
     big = maps.write(tmp_path / "b", maps.rows(40, part))
     plcmap("place", big)
@@ -80,7 +81,7 @@ def test_workbooks(tmp_path):
     folder = example.write(tmp_path / "a")
     plcmap("convert", folder, tmp_path / "a.xlsx")
     data = (tmp_path / "a.xlsx").read_bytes()
-    rnd = random.Random(3)
+    rnd = random.Random(SEED + 3)
     for _ in range(max(20, COUNT // 50)):
         (tmp_path / "b.xlsx").write_bytes(mutilated(data, rnd))
         assert plcmap("check", tmp_path / "b.xlsx").status in (0, 1)

@@ -87,7 +87,8 @@ void plcBcdDecode(epicsUInt8 *dst, const epicsUInt8 *src, size_t n);
 void plcBcdEncode(epicsUInt8 *dst, const epicsUInt8 *src, size_t n);
 
 /* The characters in `length` bytes of kind plcString or plcS7String. *chars is their number:
- * up to the first NUL, for plcS7String not more than its second byte says either. */
+ * up to the first NUL, for plcS7String (2 bytes at least) not more than its second byte says
+ * either. */
 const char *plcGetText(const plcType *type, const void *bytes, size_t length,
                        size_t *chars);
 

@@ -1,0 +1,286 @@
+/* Fuzz targets: what clients send to plcSim: frames of Modbus and of EtherNet/IP, blocks with
+ * tables of pointers, and messages of the partner in a pair. Nothing is read behind what came;
+ * memory that a table may not reach does not change.
+ *
+ * SPDX-License-Identifier: BSD-3-Clause
+ */
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "fuzz.h"
+#include "fuzzSim.h"
+#include "simEipFrame.h"
+#include "simEipServer.h"
+#include "simEipValue.h"
+#include "simServers.h"
+#include "simValue.h"
+#ifdef FUZZ_MODBUS
+#include "simModbusServer.h"
+#endif
+
+fuzzTarget fuzzSimModbus, fuzzSimEip, fuzzSimBlocks, fuzzSimPartner;
+
+enum { queuedMost = 1 << 20, messageMost = 5000 };
+
+static const char serversFile[] =
+    "in = 32\nport = off\netherip_port = 0\nbyteorder = little\nperiod = 1 h\n"
+    "db 10 400 Setpoints\n"
+#ifdef FUZZ_MODBUS
+    "modbus_port = 0\n"
+    "modbus holding 0 100 -> DB10.0\nmodbus input 0 16 -> in.0\n"
+    "modbus coils 5 64 -> DB10.200\nmodbus discrete 0 16 -> DB10.220 readonly\n"
+#endif
+    "udt Axis Pos:REAL On:BOOL Ready:BOOL Text:STRING Sub:INT[4]\n"
+    "udt Two A:Axis B:Axis[3]\n"
+    "tag REALs REAL[40] = 1.5\ntag A Axis\ntag T Two[2]\ntag S STRING = bread\n"
+    "tag B BOOL[32]\ntag Grid DINT[2,3,4]\ntag Program:Main.v LINT\ntag R INT readonly\n";
+
+/* The same simulator for all calls: what they leave behind is cleared. */
+static simulator *servers(void)
+{
+    static simulator sim;
+    static simText out;
+    static int made;
+
+    if (!made) {
+        fuzzCheck(fuzzSimBuild(&sim, serversFile, &out) == 0);
+        fuzzCheck(simPlcStart(&sim.plc[0], "127.0.0.1", NULL) == 0);
+        made = 1;
+    }
+    return &sim;
+}
+
+static void clear(simulator *sim, simEip *eip)
+{
+    const simMemory *memory = &sim->plc[0].memory;
+    size_t i;
+
+    for (i = 0; i < memory->count; i++)
+        memset(memory->blocks[i]->bytes, 0, memory->blocks[i]->size);
+    for (i = 0; i < eip->controller.tags.count; i++)
+        if (eip->controller.tags.list[i]->type)
+            memset(simEipTagBytes(eip->controller.tags.list[i]), 0,
+                   simEipTagSize(eip->controller.tags.list[i]));
+    simEipConnectionsClear(&eip->controller.connections);
+    eip->controller.connections.seed = 1;
+}
+
+/* A client whose bytes come from the fuzzer and go nowhere. */
+static simClient *connectTo(simClients *all)
+{
+    int fd = open("/dev/null", O_RDWR | O_CLOEXEC), i;
+
+    fuzzCheck(fd >= 0);
+    all->listener.accepted(all, fd, "fuzz");
+    for (i = 0; i < SIM_MAX_CLIENTS; i++)
+        if (all->list[i])
+            return all->list[i];
+    fuzzFail(__FILE__, __LINE__, "a client");
+    return NULL;
+}
+
+/* Gives bytes to the server, as they stand in a buffer of just their size. Returns -1 when the
+ * client is gone. */
+static int give(simClient *client, const epicsUInt8 *bytes, size_t size)
+{
+    epicsUInt8 *inbox = client->inbox;
+
+    while (size) {
+        epicsUInt8 *exact = malloc(size);
+        long used;
+
+        memcpy(exact, bytes, size);
+        client->inbox = exact;
+        client->filled = size;
+        used = client->all->take(client);
+        if (used == SIM_CLIENT_GONE) {
+            free(inbox); /* the other one went with the client */
+            return -1;
+        }
+        client->inbox = inbox;
+        client->filled = 0;
+        free(exact);
+        fuzzCheck(used >= 0 && (size_t)used <= size);
+        if (!used)
+            return 0;
+        bytes += used;
+        size -= (size_t)used;
+    }
+    return client->queued > queuedMost ? -1 : 0;
+}
+
+static void leave(simClients *all)
+{
+    simClientsDrop(all, 0, "end");
+    fuzzCheck(all->count == 0);
+}
+
+#ifdef FUZZ_MODBUS
+int fuzzSimModbus(const epicsUInt8 *data, size_t size)
+{
+    simulator *sim = servers();
+    simModbus *modbus = &((simModbusServer *)simPlcServerOf(&sim->plc[0],
+                                                            &simModbusServerType))->modbus;
+    simClient *client = connectTo(&modbus->clients);
+    fuzzBytes b = {data, size};
+    int gone = 0;
+
+    clear(sim, &((simEipServer *)simPlcServerOf(&sim->plc[0], &simEipServerType))->eip);
+    while (b.left && !gone) {
+        unsigned how = fuzzTake(&b);
+        size_t length;
+        epicsUInt8 *frame = fuzzTakeMessage(&b, &length);
+
+        if (how & 1 && length >= 7) { /* what is the same in all requests */
+            frame[2] = frame[3] = 0;
+            frame[4] = (epicsUInt8)((length - 6) >> 8);
+            frame[5] = (epicsUInt8)(length - 6);
+            frame[6] = 1;
+        }
+        gone = give(client, frame, length);
+        free(frame);
+    }
+    leave(&modbus->clients);
+    return 0;
+}
+#endif
+
+/* Session, lengths and connection, so that a frame comes further. */
+static void makeFit(const simEip *eip, const simEipClient *own, epicsUInt8 *f, size_t length,
+                    unsigned how)
+{
+    if (length < SIM_EIP_HEADER || !(how & 1))
+        return;
+    simPutInt(f + 2, 2, 0, length - SIM_EIP_HEADER);
+    simPutInt(f + 4, 4, 0, own->session);
+    simPutInt(f + 20, 4, 0, 0);
+    if (!(how & 2))
+        return;
+    if (how & 4 && length >= 46) {
+        simPutInt(f, 2, 0, 0x70);
+        memcpy(f + 24, "\0\0\0\0\0\0\2\0\xa1\0\4\0", 12);
+        simPutInt(f + 36, 4, 0, eip->controller.connections.list[how >> 6].toTarget);
+        simPutInt(f + 40, 2, 0, 0xb1);
+        simPutInt(f + 42, 2, 0, length - 44);
+    } else if (length >= 40) {
+        simPutInt(f, 2, 0, 0x6f);
+        memcpy(f + 24, "\0\0\0\0\0\0\2\0\0\0\0\0\xb2\0", 14);
+        simPutInt(f + 38, 2, 0, length - 40);
+    }
+}
+
+int fuzzSimEip(const epicsUInt8 *data, size_t size)
+{
+    static const epicsUInt8 registers[28] = {0x65, 0, 4, [24] = 1};
+    simulator *sim = servers();
+    simEip *eip = &((simEipServer *)simPlcServerOf(&sim->plc[0], &simEipServerType))->eip;
+    simClient *client = connectTo(&eip->clients);
+    fuzzBytes b = {data, size};
+    int gone;
+
+    clear(sim, eip);
+    gone = give(client, registers, sizeof(registers));
+    while (b.left && !gone) {
+        unsigned how = fuzzTake(&b);
+        size_t length;
+        epicsUInt8 *frame = fuzzTakeMessage(&b, &length);
+
+        makeFit(eip, client->own, frame, length, how);
+        gone = give(client, frame, length);
+        free(frame);
+        fuzzCheck(eip->counts.largestAnswer <= SIM_EIP_ANSWER);
+    }
+    leave(&eip->clients);
+    return 0;
+}
+
+/* --- Blocks, with tables ---------------------------------------------------------------------- */
+
+static const char tablesFile[] =
+    "in = 64\nout = 48\nport = off\nperiod = 1 h\nsync = on\nmap = on\nmap_rows = 16\n"
+    "db 10 32 Setpoints\ndb 11 64 Measured\ndb 12 16 Safety\n"
+    "allow write DB10 0 16\nallow read DB11\n"
+    "init DB12.0 INT16 4711\ninit DB11.4 INT16 5\ninit DB10.16 INT16 99\n";
+
+enum { outSize = 48 };
+
+/* 48 bytes for each block; the counter says how often it is given in a row. */
+int fuzzSimBlocks(const epicsUInt8 *data, size_t size)
+{
+    fuzzBytes b = {data, size};
+    simulator sim;
+    simText out;
+    simPlc *plc = &sim.plc[0];
+    simBlock *safety, *measured, *setpoints;
+    epicsUInt8 was[3][64];
+    unsigned turns, i;
+
+    fuzzCheck(fuzzSimBuild(&sim, tablesFile, &out) == 0);
+    safety = simMemoryFind(&plc->memory, SIM_AREA_DB, 12);
+    measured = simMemoryFind(&plc->memory, SIM_AREA_DB, 11);
+    setpoints = simMemoryFind(&plc->memory, SIM_AREA_DB, 10);
+    memcpy(was[0], safety->bytes, 16);
+    memcpy(was[1], measured->bytes, 64);
+    memcpy(was[2], setpoints->bytes + 16, 16);
+    plc->connected = 1;
+    for (turns = 0; b.left && turns < 400; turns++) {
+        epicsUInt8 *block = malloc(outSize);
+        unsigned how = fuzzTake(&b);
+
+        for (i = 0; i < outSize; i++)
+            block[i] = (epicsUInt8)fuzzTake(&b);
+        if (how & 1) { /* as the IOC would: the CRC of what is there */
+            block[0] = 4;
+            block[5] = (epicsUInt8)plc->program.tables.session;
+        }
+        simPlcCall(plc, block);
+        if (how & 2)
+            simPlcMake(plc);
+        if ((how & 0x1c) == 0x1c)
+            simPlcLocal(plc, (int)(how & 0x20));
+        free(block);
+        fuzzCheck(memcmp(was[0], safety->bytes, 16) == 0);
+        fuzzCheck(memcmp(was[1], measured->bytes, 64) == 0);
+        fuzzCheck(memcmp(was[2], setpoints->bytes + 16, 16) == 0);
+    }
+    fuzzSimEnd(&sim, &out);
+    return 0;
+}
+
+/* --- The partner ------------------------------------------------------------------------------ */
+
+int fuzzSimPartner(const epicsUInt8 *data, size_t size)
+{
+    static const char file[] = "in = 16\nout = 16\nport = off\nperiod = 1 h\ndb 10 32\n"
+                               "signal 0 INT16 counter\nsignal 4 REAL32 ramp 0 9 1s\n"
+                               "signal 8 STRING[4] text a b 1s\n";
+    fuzzBytes b = {data, size};
+    simulator sim, other;
+    simText out, otherOut;
+
+    fuzzCheck(fuzzSimBuild(&sim, file, &out) == 0);
+    fuzzCheck(fuzzSimBuild(&other, file, &otherOut) == 0);
+    simPairInit(&sim.pair[0], &sim.loop, &sim.plc[0], 1, 0.1, 0, "");
+    simPairInit(&other.pair[0], &other.loop, &other.plc[0], 0, 0.1, 1e9, "");
+    simFibreJoin(&sim.pair[0].fibre, &other.pair[0].fibre);
+    while (b.left) {
+        unsigned how = fuzzTake(&b);
+        size_t length;
+        epicsUInt8 *message = fuzzTakeMessage(&b, &length);
+
+        if (length)
+            sim.pair[0].fibre.message(&sim.pair[0], message, length);
+        free(message);
+        if (how & 1)
+            simPairPoll(&sim.pair[0]);
+        if (how & 2)
+            simPlcMake(&sim.plc[0]);
+    }
+    simPairStop(&sim.pair[0]);
+    simPairStop(&other.pair[0]);
+    sim.plc[0].changed = other.plc[0].changed = NULL;
+    fuzzSimEnd(&sim, &out);
+    fuzzSimEnd(&other, &otherOut);
+    return 0;
+}
