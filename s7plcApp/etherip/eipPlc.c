@@ -182,6 +182,8 @@ static void report(void *pvt, const char *where, const char *state, const plcSta
 const plcTransport eipTransport = {
     .name = "EtherNet/IP",
     .prefix = "EtherNet/IP ",
+    .shows = 1,
+    .takesPuts = 1,
     .create = create,
     .destroy = destroy,
     .begin = begin,
@@ -191,7 +193,6 @@ const plcTransport eipTransport = {
     .up = up,
     .down = down,
     .news = news,
-    .takesPuts = 1,
     .put = put,
     .report = report,
 };

@@ -181,6 +181,8 @@ static void report(void *pvt, const char *where, const char *state, const plcSta
 const plcTransport plcModbusTransport = {
     .name = "Modbus",
     .prefix = "Modbus ",
+    .shows = 1,
+    .takesPuts = 1,
     .create = create,
     .destroy = destroy,
     .begin = begin,
@@ -191,7 +193,6 @@ const plcTransport plcModbusTransport = {
     .whole = whole,
     .down = down,
     .news = news,
-    .takesPuts = 1,
     .put = put,
     .report = report,
 };

@@ -7,6 +7,7 @@
 #include <epicsUnitTest.h>
 #include <testMain.h>
 
+#include "plcBlocks.h"
 #include "plcConnection.h"
 #include "plcFraming.h"
 #include "testTools.h"
@@ -24,26 +25,37 @@ static epicsUInt64 now(void)
     return epicsMonotonicGet();
 }
 
+static void *blocks; /* that leave by the connection that is tested, */
+
 /* Waits as a station does. Returns the events, 0 when patience is at an end. */
 static short await(plcConnection *c)
 {
-    struct pollfd p = {c->socket, plcConnectionEvents(c), 0};
+    struct pollfd p = {c->socket, plcConnectionEvents(c, plcBlocks.sending(blocks)), 0};
 
     return poll(&p, 1, PATIENCE_S * 1000) > 0 ? p.revents : 0;
 }
 
-static plcFraming *framing; /* of the connection that is tested */
+static plcFraming *framing; /* and those that come */
 
 static void begin(plcConnection *c, size_t inSize, size_t outSize)
 {
-    plcConnectionInit(c, outSize);
+    plcTransportSetup setup = {.outSize = outSize};
+
+    plcConnectionInit(c);
+    blocks = plcBlocks.create(&setup, NULL);
     framing = plcFramingCreate(inSize);
 }
 
 static void end(plcConnection *c)
 {
-    plcConnectionFree(c);
+    plcConnectionClose(c, NULL, 0);
+    plcBlocks.destroy(blocks);
     plcFramingDestroy(framing);
+}
+
+static int sendBlock(plcConnection *c, int start)
+{
+    return plcBlocks.send(blocks, c, start, now());
 }
 
 static int receive(plcConnection *c, epicsUInt64 time)
@@ -63,8 +75,10 @@ static int finish(plcConnection *c)
 
     while (status == 0 && await(c))
         status = plcConnectionFinish(c, now());
-    if (status > 0)
+    if (status > 0) {
         plcFramingReset(framing);
+        plcBlocks.connected(blocks, c);
+    }
     return status;
 }
 
@@ -89,8 +103,7 @@ static void testRefused(void)
     int status;
 
     begin(&c, 10, 10);
-    testOk(c.state == plcConnectionDown && plcConnectionEvents(&c) == 0 &&
-               !plcConnectionIdle(&c),
+    testOk(c.state == plcConnectionDown && plcConnectionEvents(&c, 0) == 0,
            "not connected at first");
     status = plcConnectionOpen(&c, *loopback(), htons((unsigned short)toolFreePort()), now());
     if (status == 0)
@@ -107,7 +120,7 @@ static void testMade(void)
     int fd = connected(&c, 4, 4);
 
     testOk(c.state == plcConnectionUp && c.error[0] == 0, "connected");
-    testOk(plcConnectionIdle(&c) && plcConnectionEvents(&c) == POLLIN,
+    testOk(!plcBlocks.sending(blocks) && plcConnectionEvents(&c, 0) == POLLIN,
            "idle: it waits for input only");
     testOk(receive(&c, now()) == 0, "nothing there: 0 bytes, no error");
     plcConnectionClose(&c, "test is over", now());
@@ -180,10 +193,10 @@ static void testReset(void)
     fd = connected(&c, 4, 4);
     toolReset(fd);
     await(&c);
-    memcpy(c.out, "1234", 4);
-    status = plcConnectionSend(&c, 1, now());
+    memcpy(plcBlocks.space(blocks), "1234", 4);
+    status = sendBlock(&c, 1);
     if (status >= 0)
-        status = plcConnectionSend(&c, 1, now());
+        status = sendBlock(&c, 1);
     testOk(status == -1 && c.state == plcConnectionDown &&
                strcmp(c.error, "connection reset by PLC") == 0,
            "reset while sending: %s (and no SIGPIPE)", c.error);
@@ -201,10 +214,10 @@ static void testPartialSend(void)
 
     for (i = 0; i < size; i++)
         block[i] = (char)(i * 2654435761u >> 13);
-    memcpy(c.out, block, size);
-    status = plcConnectionSend(&c, 1, now());
-    testOk(status == 0 && !plcConnectionIdle(&c) &&
-               plcConnectionEvents(&c) == (POLLIN | POLLOUT),
+    memcpy(plcBlocks.space(blocks), block, size);
+    status = sendBlock(&c, 1);
+    testOk(status == 0 && plcBlocks.sending(blocks) &&
+               plcConnectionEvents(&c, 1) == (POLLIN | POLLOUT),
            "a block that the kernel does not take whole: it waits for room");
     while (status == 0) {
         long n = toolPeek(fd, received + got, size - got > 65536 ? 65536 : size - got);
@@ -212,17 +225,18 @@ static void testPartialSend(void)
         if (n < 0)
             break;
         got += (size_t)n;
-        status = plcConnectionSend(&c, 0, now());
+        status = sendBlock(&c, 0);
         stops += status == 0;
     }
-    testOk(status == 1 && plcConnectionIdle(&c), "it goes on as the peer reads (%d times)",
+    testOk(status == 1 && !plcBlocks.sending(blocks), "it goes on as the peer reads (%d times)",
            stops);
     got += toolReceive(fd, received + got, size - got);
     testOk(got == size && memcmp(block, received, size) == 0, "and arrives byte by byte");
 
-    plcConnectionSend(&c, 1, now());
+    sendBlock(&c, 1);
     plcConnectionClose(&c, "given up", now());
-    testOk(c.sent == c.outSize, "a half sent block is forgotten when the connection goes");
+    plcBlocks.connected(blocks, &c);
+    testOk(!plcBlocks.sending(blocks), "a half sent block is forgotten on the next connection");
     toolClose(fd);
     end(&c);
     free(block);
@@ -245,8 +259,8 @@ static void testAgain(void)
         while (plcFramingCount(framing) == 0 && await(&c) &&
                receive(&c, now()) >= 0)
             ;
-        memcpy(c.out, "WXYZ", 4);
-        plcConnectionSend(&c, 1, now());
+        memcpy(plcBlocks.space(blocks), "WXYZ", 4);
+        sendBlock(&c, 1);
         testOk(memcmp(plcFramingNewest(framing), "ABCD", 4) == 0 &&
                    toolReceive(fd, block, 4) == 4 && memcmp(block, "WXYZ", 4) == 0,
                "connection %d carries whole blocks", round + 1);

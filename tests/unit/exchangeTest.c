@@ -24,7 +24,7 @@ static plcStation *start(int *listener)
 {
     int port = 0;
     char error[200];
-    plcStationConfig config = {.reader = &plcBlocks, .name = "PLC",
+    plcStationConfig config = {.name = "PLC",
                                .address = {"127.0.0.1", ""},
                                .inSize = 4,
                                .outSize = 16,
@@ -119,13 +119,14 @@ static void testMove(void)
 {
     int port[3] = {0, 0, 0}, listener[3], i, fd;
     char text[40], error[200];
-    plcStationConfig config = {.reader = &plcBlocks, .name = "PLC",
+    plcStationConfig config = {.name = "PLC",
                                .address = {"127.0.0.1", ""},
                                .inSize = 4,
                                .outSize = 4,
                                .bigEndian = 1,
                                .recvTimeout = 60000,
-                               .sendInterval = 100};
+                               .sendInterval = 100,
+                               .transport = &plcBlocks};
     plcStation *s;
 
     fakeReset();

@@ -94,6 +94,7 @@ static void put(void *pvt, const void *image, const void *mask)
 
 const plcTransport fakeTransport = {.name = "fake",
                                     .prefix = "fake ",
+                                    .shows = 1,
                                     .create = create,
                                     .destroy = nothing,
                                     .begin = nothing,

@@ -72,7 +72,7 @@ void iocEnd(void)
 
 plcStation *makeStation(const char *name, int bigEndian, size_t inSize, size_t outSize)
 {
-    plcStationConfig config = {.reader = &plcBlocks};
+    plcStationConfig config = {.transport = &plcBlocks};
 
     config.name = name;
     config.address[0] = config.address[1] = "";

@@ -436,7 +436,7 @@ static void testOff(void)
 
 static plcStation *makeConnected(const char *name, unsigned short port)
 {
-    plcStationConfig config = {.reader = &plcBlocks};
+    plcStationConfig config = {.transport = &plcBlocks};
 
     config.name = name;
     config.address[0] = "127.0.0.1";

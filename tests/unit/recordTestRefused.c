@@ -8,7 +8,6 @@
 #include <epicsUnitTest.h>
 #include <testMain.h>
 
-#include "plcBlocks.h"
 #include "fakeTransport.h"
 #include "recordTest.h"
 #include "testTools.h"
@@ -17,7 +16,7 @@
 
 static plcStation *makeFake(int port)
 {
-    plcStationConfig config = {.reader = &plcBlocks, .name = "P",
+    plcStationConfig config = {.name = "P",
                                .address = {"127.0.0.1", ""},
                                .port = port,
                                .outSize = 4,

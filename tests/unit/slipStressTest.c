@@ -231,7 +231,7 @@ static int sendBad(size_t size, int tail)
 static void begin(void)
 {
     static const double periods[] = {10, 20, 20, 30, 50, 100, 200};
-    plcStationConfig config = {.reader = &plcBlocks, .name = "PLC", .address = {"127.0.0.1", ""}, .bigEndian = 1,
+    plcStationConfig config = {.transport = &plcBlocks, .name = "PLC", .address = {"127.0.0.1", ""}, .bigEndian = 1,
                                .outSize = OUT, .recvTimeout = 60000, .sendInterval = 5};
     char error[200];
 

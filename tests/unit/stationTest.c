@@ -25,7 +25,7 @@
 static plcStation *make(const char *name, const char *address, int port, size_t in,
                         size_t out, unsigned recvTimeout, unsigned sendInterval)
 {
-    plcStationConfig config = {.reader = &plcBlocks, .name = name,
+    plcStationConfig config = {.transport = &plcBlocks, .name = name,
                                .address = {address, ""},
                                .port = port,
                                .inSize = in,

@@ -201,7 +201,7 @@ static void option(const char *key, const char *value)
 static void iocStarts(void)
 {
     plcStationConfig config = {
-        .reader = &plcBlocks, .name = "PLC",
+        .transport = &plcBlocks, .name = "PLC",
         .address = {"127.0.0.1", ""},
         .port = port,
         .inSize = 24,

@@ -1,12 +1,12 @@
-/* Blocks of a fixed size as they come from a PLC: plcFraming between a connection and a station.
+/* The transport of blocks: bytes of fixed sizes, both ways, on one connection.
  *
  * Knows nothing of stations or records.
  */
 #ifndef INC_plcBlocks_H
 #define INC_plcBlocks_H
 
-#include "plcReader.h"
+#include "plcTransport.h"
 
-extern const plcReader plcBlocks;
+extern const plcTransport plcBlocks;
 
 #endif /* INC_plcBlocks_H */

@@ -157,7 +157,7 @@ plcStation *plcConfigure(const char *command, const char *const args[8],
     const char *name = args[0], *address = args[1] ? args[1] : "", *error;
     char host[PLC_LINES_MAX][PLC_NAME_MAX + 1];
     plcStationConfig config = {.name = name, .policy = policy, .policyPvt = policyPvt,
-                               .reader = &plcBlocks};
+                               .transport = &plcBlocks};
     epicsInt32 value[6];
     int i;
 

@@ -76,27 +76,29 @@ static const char *wordsText(int order)
     return order & plcBigEndian ? ", low word first" : ", high word first";
 }
 
-static void transportLines(plcStation *s, FILE *file)
+/* A transport that has something to say of line i. */
+static void transportLines(plcStation *s, unsigned i, FILE *file)
 {
-    const plcExchange *x = s->exchange;
+    const plcLine *line = &s->lines[i];
     plcStats stats;
     char where[PLC_NAME_MAX + 12], reason[PLC_REASON_SIZE], state[PLC_REASON_SIZE + 20];
 
     plcStationStats(s, &stats);
     epicsMutexMustLock(s->lock);
-    epicsSnprintf(where, sizeof(where), "%s:%d", s->address[x->line], s->port[x->line]);
+    epicsSnprintf(where, sizeof(where), "%s:%d", s->address[i], s->port[i]);
     epicsMutexUnlock(s->lock);
     if (plcStationOutputConnected(s, reason))
         strcpy(state, "connected");
     else
         epicsSnprintf(state, sizeof(state), "not connected (%s)", reason);
-    x->transport->report(x->pvt, where, state, &stats, file);
+    line->transport->report(line->pvt, where, state, &stats, file);
 }
 
 void plcStationReport(plcStation *s, FILE *file, int level)
 {
     plcStats st;
     char address[PLC_NAME_MAX + 10], reason[PLC_REASON_SIZE], text[400];
+    unsigned i;
 
     plcStationStats(s, &st);
     plcStationAddress(s, address, sizeof(address));
@@ -110,8 +112,9 @@ void plcStationReport(plcStation *s, FILE *file, int level)
         s->policy->report(s->policyPvt, file, level);
     if (level < 1)
         return;
-    if (s->exchange)
-        transportLines(s, file);
+    for (i = 0; i < s->lineCount; i++)
+        if (s->lines[i].transport->report)
+            transportLines(s, i, file);
     plcStationOptionsText(s, text, sizeof(text));
     fprintf(file, "    options: %s\n", text[0] ? text : "all default");
     fprintf(file, "    I/O Intr records: %u in, %u out", plcScanCount(s->inScan),

@@ -23,43 +23,32 @@
 /* Until a callback is asked for again, ms. */
 #define ASK_AGAIN_MS 10
 
-void plcExchangeCreate(plcStation *s, const plcTransport *transport, const void *own,
-                       unsigned line)
+void plcExchangeCreate(plcStation *s, unsigned line)
 {
     plcExchange *x = callocMustSucceed(1, sizeof(*x), "plcExchangeCreate");
-    plcTransportSetup setup = {.name = s->name,
-                               .bigEndian = s->bigEndian,
-                               .inSize = line == 0 ? s->inSize : 0,
-                               .outSize = s->outSize,
-                               .wake = plcStationWake,
-                               .arg = s};
 
-    x->transport = transport;
+    x->transport = s->lines[line].transport;
+    x->pvt = s->lines[line].pvt;
     x->line = line;
-    x->inFaults = setup.inFaults = setup.inSize ? plcFaultsCreate(s->inSize) : NULL;
-    x->outFaults = setup.outFaults = plcFaultsCreate(s->outSize);
-    x->readback = plcReadbackCreate();
-    x->tracked = plcReadbackCreate();
     x->input = callocMustSucceed(1, s->inSize + 1, "plcExchangeCreate");
     x->output = callocMustSucceed(3, s->outSize + 1, "plcExchangeCreate");
     x->image = x->output + s->outSize;
     x->mask = x->image + s->outSize;
-    plcImageKeepPuts(s->out, PLC_PUTS_MAX);
-    if (transport->takesPuts)
+    if (x->transport->takesPuts)
         s->options.holdoff = 0; /* what comes while a request is under way gathers anyway */
-    setup.out = s->out;
-    x->pvt = transport->create(&setup, own);
     s->exchange = x;
 }
 
 void plcExchangeBegin(plcStation *s)
 {
-    s->exchange->transport->begin(s->exchange->pvt);
+    if (s->exchange)
+        s->exchange->transport->begin(s->exchange->pvt);
 }
 
 void plcExchangeEnd(plcStation *s)
 {
-    s->exchange->transport->end(s->exchange->pvt);
+    if (s->exchange)
+        s->exchange->transport->end(s->exchange->pvt);
 }
 
 void plcExchangeDestroy(plcStation *s)
@@ -68,11 +57,6 @@ void plcExchangeDestroy(plcStation *s)
 
     if (!x)
         return;
-    x->transport->destroy(x->pvt);
-    plcReadbackDestroy(x->readback);
-    plcReadbackDestroy(x->tracked);
-    plcFaultsDestroy(x->inFaults);
-    plcFaultsDestroy(x->outFaults);
     free(x->input);
     free(x->output);
     free(x);
@@ -81,8 +65,11 @@ void plcExchangeDestroy(plcStation *s)
 
 void plcExchangeOptions(plcStation *s)
 {
+    if (!s->exchange)
+        return;
     s->exchange->transport->options(s->exchange->pvt, &s->now);
-    epicsAtomicSetIntT(&s->acknowledges, s->now.complete == plcCompleteAcknowledged);
+    epicsAtomicSetIntT(&s->acknowledges, s->exchange->transport->takesPuts &&
+                                             s->now.complete == plcCompleteAcknowledged);
     plcImageAllEdges(s->out, s->now.writes == plcWritesAll);
 }
 
@@ -112,7 +99,7 @@ static void tellWhole(plcStation *s, int isUp)
     epicsUInt8 *in, *out;
 
     x->owners = plcOwnersChanges(s->owners);
-    in = x->inFaults ? wholeValues(s, 0) : NULL;
+    in = x->line == 0 ? wholeValues(s, 0) : NULL;
     out = wholeValues(s, 1);
     if (!isUp)
         x->transport->up(x->pvt, s->lines[x->line].connection.socket, in, out);
@@ -173,7 +160,7 @@ void plcExchangeLost(plcStation *s, const char *why)
     plcExchange *x = s->exchange;
 
     plcImagePutsWaiting(s->out, x->image, x->mask);
-    if (plcFaultsSet(x->outFaults, 0, s->outSize, x->mask, why))
+    if (plcFaultsSet(s->outFaults, 0, s->outSize, x->mask, why))
         plcInputFollow(s, 0);
 }
 
@@ -186,7 +173,7 @@ void plcExchangeDown(plcStation *s)
     x->transport->down(x->pvt);
     plcImageAway(s->out, 1);
     epicsAtomicIncrIntT(&s->outLosses);
-    x->shown = x->unread = 0; /* no block may tell what the next connection is asked for */
+    x->shown = s->unread = 0; /* no block may tell what the next connection is asked for */
     epicsAtomicSetIntT(&s->taken, 0);
 }
 
@@ -259,20 +246,19 @@ static void forgetFaults(plcStation *s, const char *shown)
     plcImagePeek(s->out, 0, s->outSize, x->image);
     for (i = 0; i < s->outSize; i++)
         x->mask[i] = (char)~(x->image[i] ^ shown[i]);
-    plcFaultsClear(x->outFaults, 0, s->outSize, x->mask);
+    plcFaultsClear(s->outFaults, 0, s->outSize, x->mask);
 }
 
 /* The outputs as the PLC holds them, on a new connection: outputs with a read-back
  * take them, and what else the IOC has written is owed where it differs. */
 static void outputsTake(plcStation *s, const char *shown)
 {
-    plcExchange *x = s->exchange;
     epicsUInt8 *whole = wholeValues(s, 1);
     unsigned places = 0;
 
     if (shown) {
-        places = plcReadbackTake(x->readback, shown, s->out) +
-                 plcReadbackTake(x->tracked, shown, s->out);
+        places = plcReadbackTake(s->atConnect, shown, s->out) +
+                 plcReadbackTake(s->tracked, shown, s->out);
         forgetFaults(s, shown);
     }
     answered(s);
@@ -299,11 +285,11 @@ static void lookAtOutputs(plcStation *s, epicsUInt64 now)
     if (x->shown && first) {
         outputsTake(s, x->output);
     } else if (x->shown && s->now.track) {
-        places = plcReadbackTrack(x->tracked, x->output, s->out, now, patience,
+        places = plcReadbackTrack(s->tracked, x->output, s->out, now, patience,
                                   !x->ordered);
         if (places)
             plcInputFollow(s, places);
-    } else if (x->unread && first && !plcReadbackCount(s->readback)) {
+    } else if (s->unread && first && !plcReadbackCount(s->readback)) {
         outputsTake(s, NULL); /* else the first block tells */
     }
     x->shown = 0;
@@ -346,8 +332,8 @@ int plcExchangeNews(plcStation *s, epicsUInt64 now, epicsUInt64 *wake,
             plcStationLog(s, errlogMajor, news.log);
         if (news.shown)
             x->shown = 1;
-        if (news.unread[0] && !x->unread) {
-            x->unread = 1;
+        if (news.unread[0] && !s->unread) {
+            s->unread = 1;
             epicsSnprintf(text, sizeof(text), "the PLC does not show its outputs: %s",
                           news.unread);
             plcStationLog(s, errlogMinor, text);

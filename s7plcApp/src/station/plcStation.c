@@ -109,16 +109,38 @@ PLC_HOT static void passDone(void *pvt, epicsUInt64 requested)
         plcStationWake(s);
 }
 
+/* Line i goes by this transport, which makes a copy of `own`. */
+static void setTransport(plcStation *s, unsigned i, const plcTransport *transport,
+                         const void *own)
+{
+    plcTransportSetup setup = {.name = s->name,
+                               .bigEndian = s->bigEndian,
+                               .inSize = i < s->policy->lines ? s->inSize : 0,
+                               .out = s->out,
+                               .outSize = s->outSize,
+                               .wake = plcStationWake,
+                               .arg = s};
+
+    if (transport->shows) {
+        s->shows = 1;
+        s->inFaults = setup.inFaults = setup.inSize ? plcFaultsCreate(s->inSize) : NULL;
+        s->outFaults = setup.outFaults = plcFaultsCreate(s->outSize);
+    }
+    if (transport->put)
+        plcImageKeepPuts(s->out, PLC_PUTS_MAX);
+    plcConnectionInit(&s->lines[i].connection);
+    s->lines[i].transport = transport;
+    s->lines[i].pvt = transport->create(&setup, own);
+    if (transport->news)
+        plcExchangeCreate(s, i);
+}
+
 static void setLine(plcStation *s, unsigned i, const plcStationConfig *config)
 {
     epicsSnprintf(s->address[i], sizeof(s->address[i]), "%s", config->address[i]);
     s->plus[i] = config->plus[i];
     s->port[i] = config->port;
-    plcConnectionInit(&s->lines[i].connection, config->transport ? 0 : s->outSize);
-    if (!config->transport) {
-        s->lines[i].reader = config->reader;
-        s->lines[i].readerPvt = config->reader->create(s->inSize);
-    }
+    setTransport(s, i, config->transport, config->transportOwn);
     if (s->policy->lines > 1)
         s->lines[i].kept = callocMustSucceed(1, s->inSize + 1, "plcStationCreate");
 }
@@ -167,8 +189,8 @@ int plcStationOutputBy(plcStation *s, const char *host, int port,
     epicsSnprintf(s->address[1], sizeof(s->address[1]), "%s", host[0] ? host : s->address[0]);
     s->port[1] = port;
     epicsSnprintf(s->outReason, sizeof(s->outReason), "not connected yet");
-    plcConnectionInit(&s->lines[1].connection, 0);
-    plcExchangeCreate(s, transport, own, 1);
+    s->outLine = 1;
+    setTransport(s, 1, transport, own);
     s->lineCount = 2;
     return 0;
 }
@@ -209,6 +231,8 @@ plcStation *plcStationCreate(const plcStationConfig *config)
     s->outScan = plcScanCreate(s->outSize, NULL, NULL);
     s->statusScan = plcScanCreate(0, NULL, NULL);
     s->readback = plcReadbackCreate();
+    s->atConnect = plcReadbackCreate();
+    s->tracked = plcReadbackCreate();
     s->statsScan = plcScanCreate(0, NULL, NULL);
     s->owners = plcOwnersCreate();
     s->held = callocMustSucceed(1, s->inSize + 1, "plcStationCreate");
@@ -227,8 +251,6 @@ plcStation *plcStationCreate(const plcStationConfig *config)
     s->lineCount = s->policy->lines;
     for (i = 0; i < s->lineCount; i++)
         setLine(s, i, config);
-    if (config->transport)
-        plcExchangeCreate(s, config->transport, config->transportOwn, 0);
 
     lockList();
     ellAdd(&stations, &s->node);
@@ -345,16 +367,19 @@ void plcStationsDestroy(void)
             s->listener->gone(s->listenerPvt);
         if (s->policy->destroy)
             s->policy->destroy(s->policyPvt);
-        plcExchangeDestroy(s);
         for (i = 0; i < s->lineCount; i++) {
-            plcConnectionFree(&s->lines[i].connection);
-            if (s->lines[i].reader)
-                s->lines[i].reader->destroy(s->lines[i].readerPvt);
+            plcConnectionClose(&s->lines[i].connection, NULL, 0);
+            s->lines[i].transport->destroy(s->lines[i].pvt);
             free(s->lines[i].kept);
         }
+        plcExchangeDestroy(s);
+        plcFaultsDestroy(s->inFaults);
+        plcFaultsDestroy(s->outFaults);
         plcImageDestroy(s->in);
         plcImageDestroy(s->out);
         plcReadbackDestroy(s->readback);
+        plcReadbackDestroy(s->atConnect);
+        plcReadbackDestroy(s->tracked);
         plcWakeFree(&s->wake);
         epicsEventDestroy(s->ended);
         epicsMutexDestroy(s->lock);

@@ -22,7 +22,6 @@
 #include "plcPolicy.h"
 #include "plcStats.h"
 #include "plcPointers.h"
-#include "plcReader.h"
 #include "plcTransport.h"
 #include "plcOwners.h"
 
@@ -52,9 +51,8 @@ typedef struct plcStationConfig {
     unsigned sendInterval;  /* ms between two output blocks at least */
     const plcPolicy *policy;
     void *policyPvt;
-    const plcReader *reader; /* finds blocks in what comes; may be NULL with a transport */
-    const plcTransport *transport; /* NULL: blocks. Else all data goes by this one */
-    const void *transportOwn; /* its setup; the transport makes a copy */
+    const plcTransport *transport; /* by which all data goes */
+    const void *transportOwn; /* its own setup; the transport makes a copy */
 } plcStationConfig;
 
 #define PLC_BLOCK_MAX (16u << 20) /* bytes: a larger block is a typing error */
@@ -64,7 +62,7 @@ typedef struct plcStationConfig {
  * line, when the process has no descriptors left; the policy stays with the caller then. */
 plcStation *plcStationCreate(const plcStationConfig *config);
 
-/* Before iocInit: outputs of a station that gets blocks leave by this transport, to this
+/* Before iocInit: outputs of a station without a worker leave by this transport, to this
  * host ("": that of the station) and port. Returns 0, and the transport has a copy of `own`;
  * or -1 with the message in error. */
 int plcStationOutputBy(plcStation *station, const char *host, int port,

@@ -72,16 +72,13 @@ int plcStationPut(plcStation *s, size_t offset, size_t length, const void *data,
     }
     if (plcStationTraces(s, PLC_TRACE_PUTS))
         plcStationTracePut(s, offset, length, data, mask, NULL);
-    if (s->exchange)
-        plcReadbackWrote(s->exchange->tracked, s->out, offset, length, mask, written.takes,
-                         now);
+    plcReadbackWrote(s->tracked, s->out, offset, length, mask, written.takes, now);
     epicsAtomicSetIntT(follows ? &s->followed : &s->written, 1);
     if (status > 0)
         plcStationWake(s);
     if (plcStationOutputConnected(s, reason) && !follows && plcStationHeld(s))
         epicsSnprintf(reason, PLC_REASON_SIZE, "%s", plcStationHeldReason(s));
-    if (s->exchange && s->exchange->transport->takesPuts &&
-        epicsAtomicGetIntT(&s->acknowledges))
+    if (epicsAtomicGetIntT(&s->acknowledges))
         mark->number = written.number;
     return 0;
 }
@@ -134,9 +131,8 @@ void plcStationAddReadback(plcStation *s, const void *key, size_t out, size_t in
 
     if (placed)
         plcReadbackAdd(s->readback, key, out, in, length, mask);
-    if (s->exchange)
-        plcReadbackAdd(placed ? s->exchange->readback : s->exchange->tracked, key, out, out,
-                       length, mask);
+    if (s->shows)
+        plcReadbackAdd(placed ? s->atConnect : s->tracked, key, out, out, length, mask);
     epicsMutexMustLock(s->lock);
     s->optionsChanged = 1; /* a duty more for the thread: see chooseScanThread */
     epicsMutexUnlock(s->lock);
@@ -146,10 +142,8 @@ void plcStationAddReadback(plcStation *s, const void *key, size_t out, size_t in
 void plcStationRemoveReadback(plcStation *s, const void *key)
 {
     plcReadbackRemove(s->readback, key);
-    if (s->exchange) {
-        plcReadbackRemove(s->exchange->readback, key);
-        plcReadbackRemove(s->exchange->tracked, key);
-    }
+    plcReadbackRemove(s->atConnect, key);
+    plcReadbackRemove(s->tracked, key);
     plcStationWake(s); /* was it the last one? then outputs need not wait for it */
 }
 
@@ -160,7 +154,7 @@ int plcStationShowsOutputs(plcStation *s)
     epicsMutexMustLock(s->lock);
     track = s->options.track;
     epicsMutexUnlock(s->lock);
-    return s->exchange && track;
+    return s->shows && track;
 }
 
 long plcStationMirror(plcStation *s)
@@ -228,7 +222,7 @@ int plcStationHeld(plcStation *s)
 
 const char *plcStationHeldReason(const plcStation *s)
 {
-    return s->exchange ? "waits for the PLC's first answer" : "waits for the PLC's first block";
+    return s->shows ? "waits for the PLC's first answer" : "waits for the PLC's first block";
 }
 
 void plcStationTell(plcStation *s)
@@ -263,12 +257,12 @@ int plcStationOutputConnected(plcStation *s, char reason[PLC_REASON_SIZE])
 
 plcFaults *plcStationInFaults(plcStation *s)
 {
-    return s->exchange ? s->exchange->inFaults : NULL;
+    return s->inFaults;
 }
 
 plcFaults *plcStationOutFaults(plcStation *s)
 {
-    return s->exchange ? s->exchange->outFaults : NULL;
+    return s->outFaults;
 }
 
 IOSCANPVT plcStationInRecord(plcStation *s, size_t offset, size_t length,
@@ -385,8 +379,8 @@ int plcStationMove(plcStation *s, const char *text, char *error, size_t size)
         s->port[i] = port;
     }
     if (port && s->outHere) {
-        strcpy(s->address[s->exchange->line], host);
-        s->moved |= 1u << s->exchange->line;
+        strcpy(s->address[s->outLine], host);
+        s->moved |= 1u << s->outLine;
     }
     epicsMutexUnlock(s->lock);
     if (!port) {
@@ -441,9 +435,9 @@ static int optionsFit(plcStation *s, const plcOptions *o, char *error, size_t si
                       PLC_TABLES_PIECE + 4, (unsigned)s->inSize, (unsigned)s->outSize);
         return -1;
     }
-    if (o->sync && s->exchange) {
+    if (o->sync && !s->lines[s->outLine].transport->syncs) {
         epicsSnprintf(error, size, "option sync: the handshake is in the blocks both ways, "
-                      "and this PLC gets its values over %s", s->exchange->transport->name);
+                      "and this PLC gets its values over %s", s->lines[s->outLine].transport->name);
         return -1;
     }
     if (o->sync && (s->inSize < PLC_HEADER_SIZE || s->outSize < PLC_HEADER_SIZE)) {

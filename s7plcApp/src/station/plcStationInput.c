@@ -63,7 +63,7 @@ void plcInputHeld(plcStation *s)
 
     if (s->now.sync)
         held = 0; /* puts are refused */
-    else if (s->exchange)
+    else if (s->shows)
         held = !epicsAtomicGetIntT(&s->taken);
     else
         held = (s->now.layoutAt >= 0 && s->layoutState == plcLayoutUnknown) ||
@@ -85,9 +85,9 @@ void plcInputSetLeads(plcStation *s)
 
     plcInputHeld(s);
     if (plcStationHasOutLine(s))
-        leads = s->lines[s->exchange->line].connection.state == plcConnectionUp;
+        leads = s->lines[s->outLine].connection.state == plcConnectionUp;
     /* Who accepts connections and answers nothing is not there: that changes with an answer. */
-    if (s->exchange && s->lines[s->exchange->line].lostEmpty)
+    if (s->shows && s->lines[s->outLine].lostEmpty)
         leads = 0;
     epicsAtomicSetIntT(&s->connected, connected);
     epicsAtomicSetIntT(&s->leads, leads);
@@ -329,10 +329,10 @@ PLC_COLD static void takeReadback(plcStation *s, const void *block)
  * outputs, that counts; the block does where it does not. */
 static void takeShown(plcStation *s, const void *block)
 {
-    if (s->exchange && !s->exchange->unread)
+    if (s->shows && !s->unread)
         return;
     takeReadback(s, block);
-    if (s->exchange)
+    if (s->shows)
         plcImageOwe(s->out, NULL, NULL);
 }
 

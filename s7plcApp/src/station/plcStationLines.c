@@ -32,7 +32,7 @@ static const char *lineName(plcStation *s, unsigned i)
 
     if (plcStationIsPair(s))
         return names[i];
-    return plcLineExchanges(s, i) ? s->exchange->transport->prefix : "";
+    return s->lines[i].transport->prefix;
 }
 
 /* This line leads no longer. What still is on its way to the PLC must not get there: not
@@ -40,11 +40,9 @@ static const char *lineName(plcStation *s, unsigned i)
  * made anew, so that it is known soon whether the PLC is there. */
 PLC_COLD static void leadsNoLonger(plcStation *s, unsigned i, epicsUInt64 now)
 {
-    const plcConnection *c = &s->lines[i].connection;
-
-    if (c->state != plcConnectionUp)
+    if (s->lines[i].connection.state != plcConnectionUp)
         return;
-    if (!plcConnectionDelivered(c))
+    if (!plcLineDelivered(&s->lines[i]))
         plcLineLost(s, i, now, "leads no longer, output discarded");
     else if (s->policy->suspect && s->policy->suspect(s->policyPvt, i))
         plcLineLost(s, i, now, "silent; its connection is made anew");
@@ -77,7 +75,7 @@ PLC_COLD static void setLeader(plcStation *s, int leader, epicsUInt64 now)
     if (leader >= 0)
         epicsTimeGetCurrent(&s->stats.connectTime);
     epicsMutexUnlock(s->lock);
-    if (!s->exchange)
+    if (!s->shows)
         plcImageAway(s->out, leader < 0);
     plcInputSetLeads(s);
     plcInputSyncLeader(s, now);
@@ -88,7 +86,7 @@ PLC_COLD static void setLeader(plcStation *s, int leader, epicsUInt64 now)
         s->slowSince = 0;
         epicsAtomicSetIntT(&s->sendNow, 0);
         s->nextOutScan = now + plcMsToNs(s->now.sendInterval);
-        if (!s->now.sync && !s->exchange)
+        if (!s->now.sync && !s->shows)
             leaveAgain(s, now);
     }
     plcScanRequestAll(s->statusScan);
@@ -289,8 +287,8 @@ PLC_COLD static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
     epicsMutexMustLock(s->lock);
     s->stats.connects++;
     epicsMutexUnlock(s->lock);
-    if (line->reader)
-        line->reader->up(line->readerPvt);
+    if (line->transport->connected)
+        line->transport->connected(line->pvt, &line->connection);
     if (plcLineExchanges(s, i))
         plcExchangeUp(s);
     if (plcLineIsOutput(s, i)) {
@@ -410,7 +408,7 @@ PLC_COLD static void lineSilent(plcStation *s, unsigned i, epicsUInt64 now)
     char why[PLC_REASON_SIZE];
     plcCame came;
 
-    line->reader->giveUp(line->readerPvt, &came);
+    line->transport->giveUp(line->pvt, &came);
     if (came.wrong) {
         lineWrongSize(s, i, came.burst, now);
         return;
@@ -520,7 +518,7 @@ static void lineReceive(plcStation *s, unsigned i, epicsUInt64 now)
     int got, turns = 16;
 
     do {
-        got = line->reader->receive(line->readerPvt, c, now, &came);
+        got = line->transport->receive(line->pvt, c, now, &came);
         if (got <= 0)
             break;
         epicsMutexMustLock(s->lock);
@@ -559,12 +557,16 @@ PLC_HOT void plcLineReady(plcStation *s, unsigned i, short revents, epicsUInt64 
         lineReceive(s, i, now);
 }
 
-PLC_HOT int plcLineSocket(const plcStation *s, unsigned i)
+PLC_HOT void plcLinePoll(const plcStation *s, unsigned i, struct pollfd *fd)
 {
-    const plcConnection *c = &s->lines[i].connection;
-    int worker = plcLineExchanges(s, i) && c->state == plcConnectionUp;
+    const plcLine *line = &s->lines[i];
+    const plcConnection *c = &line->connection;
+    int isUp = c->state == plcConnectionUp;
 
-    return worker || c->state == plcConnectionDown ? -1 : c->socket;
+    fd->revents = 0;
+    fd->fd = c->state == plcConnectionDown || (isUp && plcLineExchanges(s, i)) ? -1 : c->socket;
+    fd->events = fd->fd < 0 ? 0
+                            : plcConnectionEvents(c, isUp && line->transport->sending(line->pvt));
 }
 
 /* The data of a pair lives on for recvTimeout without a leader. */

@@ -15,6 +15,8 @@
 #ifndef INC_plcStationPvt_H
 #define INC_plcStationPvt_H
 
+#include <poll.h>
+
 #include <callback.h>
 #include <epicsAtomic.h>
 #include <ellLib.h>
@@ -40,15 +42,11 @@ typedef struct plcExchange {
     const plcTransport *transport;
     void *pvt;             /* the transport's own */
     unsigned line;         /* its connection; 0: all data goes there, 1: the output */
-    plcFaults *inFaults, *outFaults; /* inFaults is NULL where input comes by block */
-    plcReadback *readback; /* places that take what the PLC shows at connect */
-    plcReadback *tracked;  /* and whenever it changes */
     /* owned by the thread */
     char *input, *output;  /* as news brings them */
     char *image, *mask;    /* what is put next */
     int waiting;           /* the connection is up, the worker has not got it yet */
     int shown;             /* `output` is news that nobody has looked at yet */
-    int unread;            /* the PLC does not show its outputs */
     epicsUInt64 ordered;   /* when the oldest put under way was made; 0: none is */
     epicsUInt64 told;      /* up to where all was through when that was last told */
     int owners;            /* plcOwnersChanges when the worker was told where values lie */
@@ -58,8 +56,8 @@ typedef struct plcExchange {
 /* One way to the PLC, with its connection. Owned by the thread. */
 typedef struct plcLine {
     plcConnection connection;
-    const plcReader *reader; /* of blocks; NULL: a worker reads */
-    void *readerPvt;
+    const plcTransport *transport;
+    void *pvt;             /* its own */
     plcResolver *resolver; /* NULL: no address */
     char host[PLC_NAME_MAX + 1]; /* copies of the station's: name or address, */
     unsigned plus;               /* what is added to it, */
@@ -91,11 +89,17 @@ struct plcStation {
     const plcPolicy *policy;
     void *policyPvt;
 
-    plcExchange *exchange; /* NULL: blocks both ways */
-    unsigned lineCount;    /* of the policy, and one for output over another wire */
+    plcExchange *exchange; /* with the transport that has a worker; NULL: none has */
+    unsigned lineCount;    /* of the policy, and one where outputs have one of their own */
+    unsigned outLine;      /* 0: outputs take the line that leads; or the one of their own */
+    int shows;             /* the transport of the outputs reads what the PLC holds of them, */
+    int unread;            /* but this PLC does not show them; by the thread */
+    plcFaults *inFaults, *outFaults; /* NULL: the wire does not tell */
 
     plcImage *in, *out;
-    plcReadback *readback;
+    plcReadback *readback; /* places that take what blocks show of the outputs */
+    plcReadback *atConnect, *tracked; /* what the transport shows of them: at connect, and whenever
+                                       * it changes; none, unless it `shows` */
     epicsCallback followCallback;
     void (*follow)(plcStation *);
     int follows; /* atomic: the two are set, since there are records that follow */
@@ -225,9 +229,10 @@ void plcStationCountPuts(plcStation *station);
 /* Why outputs go nowhere. With the lock held. */
 const char *plcStationOutReason(const plcStation *s);
 
-/* True when all that was sent on the line that takes the output has reached the PLC. By the
- * thread. */
+/* True when all that was sent on the line that takes the output has reached the PLC / the same of
+ * a line without a worker, that is up. By the thread. */
 int plcStationDelivered(const plcStation *s);
+int plcLineDelivered(const plcLine *line);
 
 /* Opens or closes the output image for puts, after anything changed that matters to it.
  * Any thread. */
@@ -323,9 +328,9 @@ void plcLineStep(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64 *wake);
 /* The data of a pair lives on for recvTimeout without a leader. */
 void plcLineDataStep(plcStation *s, epicsUInt64 *wake);
 
-/* The socket of line i for poll(); -1: none. The worker of a transport watches its own, and
- * knows why it ends. */
-int plcLineSocket(const plcStation *s, unsigned i);
+/* What to wait for in poll() on line i. Nothing where a worker watches the socket, and knows why it
+ * ends. */
+void plcLinePoll(const plcStation *s, unsigned i, struct pollfd *fd);
 
 /* poll() reported something about line i. */
 void plcLineReady(plcStation *s, unsigned i, short revents, epicsUInt64 now);
@@ -339,22 +344,23 @@ void plcLineTellPolicy(plcStation *s, plcEvent event, unsigned i, epicsUInt64 no
 /* True for a line that only carries output, while blocks come by another. */
 static inline int plcLineIsOutput(const plcStation *s, unsigned i)
 {
-    return s->exchange && s->exchange->line == i && i > 0;
+    return i > 0 && s->outLine == i;
 }
 
-/* True for a line that a transport with a worker uses. */
+/* True for a line whose transport has a worker. */
 static inline int plcLineExchanges(const plcStation *s, unsigned i)
 {
-    return s->exchange && s->exchange->line == i;
+    return s->lines[i].transport->news != NULL;
 }
 
 /* True when outputs leave by a line of their own. */
 static inline int plcStationHasOutLine(const plcStation *s)
 {
-    return s->exchange && s->exchange->line > 0;
+    return s->outLine > 0;
 }
 
-/* --- plcExchange.c: between the thread and a transport with a worker; the thread only -----*/
+/* --- plcExchange.c: between the thread and the transport that has a worker; the thread only.
+ * Nothing happens where none has. --------------------------------------------------------- */
 
 /* The thread begins / ends. */
 void plcExchangeBegin(plcStation *s);
@@ -379,10 +385,8 @@ void plcExchangeOutputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake);
 /* Hands the options on. */
 void plcExchangeOptions(plcStation *s);
 
-/* By plcStation.c, while there is no thread: the transport copies `own`. Line 0: all data
- * goes there, 1: only the output. */
-void plcExchangeCreate(plcStation *s, const plcTransport *transport, const void *own,
-                       unsigned line);
+/* By plcStation.c, while there is no thread, for the line whose transport has a worker. */
+void plcExchangeCreate(plcStation *s, unsigned line);
 void plcExchangeDestroy(plcStation *s);
 
 #endif /* INC_plcStationPvt_H */

@@ -148,11 +148,16 @@ size_t plcStationHeader(const plcStation *s)
     return s->options.sync ? PLC_HEADER_SIZE : 0;
 }
 
+int plcLineDelivered(const plcLine *line)
+{
+    return !line->transport->sending(line->pvt) && plcConnectionDelivered(&line->connection);
+}
+
 int plcStationDelivered(const plcStation *s)
 {
     if (s->exchange)
         return !s->exchange->ordered;
-    return s->leader >= 0 && plcConnectionDelivered(&s->lines[s->leader].connection);
+    return s->leader >= 0 && plcLineDelivered(&s->lines[s->leader]);
 }
 
 void plcStationCountPuts(plcStation *s)

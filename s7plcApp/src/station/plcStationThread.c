@@ -52,17 +52,17 @@ static void countSent(plcStation *s, epicsUInt64 now)
 static void sendBlock(plcStation *s, int restart, epicsUInt64 now, epicsUInt64 *wake)
 {
     int leader = s->leader;
-    plcConnection *c = &s->lines[leader].connection;
-    int status = plcConnectionSend(c, restart, now);
+    plcLine *line = &s->lines[leader];
+    int status = line->transport->send(line->pvt, &line->connection, restart, now);
 
     if (status > 0) {
         countSent(s, now);
         if (plcStationTraces(s, PLC_TRACE_BLOCKS))
-            plcStationTraceBlock(s, "out", c->out, s->outSize);
+            plcStationTraceBlock(s, "out", line->transport->space(line->pvt), s->outSize);
         if (s->listener && s->listener->sent)
-            s->listener->sent(s->listenerPvt, c->out);
+            s->listener->sent(s->listenerPvt, line->transport->space(line->pvt));
     } else if (status < 0) {
-        plcLineLost(s, leader, now, c->error);
+        plcLineLost(s, leader, now, line->connection.error);
     }
     if (status)
         *wake = now;
@@ -121,8 +121,21 @@ PLC_COLD static void waitToSend(plcStation *s, epicsUInt64 now, epicsUInt64 *wak
     s->slowSaid = now;
 }
 
+/* Makes the block that leaves now: the image, with what the handshake or the download of the table
+ * of pointers has to say. */
+static void makeBlock(plcStation *s, char *block)
+{
+    if (plcImageTake(s->out, block) || s->saidDropped)
+        plcStationCountPuts(s);
+    if (s->now.sync)
+        plcSyncHeader(&s->sync, block, s->bigEndian);
+    if (s->tables.command)
+        block[0] = (char)plcTablesPack(&s->tables, block, s->bigEndian);
+}
+
 static void outputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
 {
+    plcLine *line;
     plcConnection *c;
     epicsUInt64 due;
 
@@ -134,12 +147,13 @@ static void outputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     }
     if (s->leader < 0)
         return;
-    c = &s->lines[s->leader].connection;
+    line = &s->lines[s->leader];
+    c = &line->connection;
     if (c->state != plcConnectionUp || !maySend(s))
         return;
-    if (!plcConnectionIdle(c)) {
+    if (line->transport->sending(line->pvt)) {
         sendBlock(s, 0, now, wake);
-        if (c->state != plcConnectionUp || plcConnectionIdle(c))
+        if (c->state != plcConnectionUp || !line->transport->sending(line->pvt))
             return;
     } else if (!s->dirtySince && plcImageDirty(s->out)) {
         s->dirtySince = now;
@@ -150,18 +164,13 @@ static void outputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
         plcEarlier(wake, due);
         return;
     }
-    if (!plcConnectionReady(c, now)) {
+    if (line->transport->sending(line->pvt) || !plcConnectionReady(c, now)) {
         waitToSend(s, now, wake);
         return;
     }
     s->slowSince = 0;
     epicsAtomicSetIntT(&s->sendNow, 0);
-    if (plcImageTake(s->out, c->out) || s->saidDropped)
-        plcStationCountPuts(s);
-    if (s->now.sync)
-        plcSyncHeader(&s->sync, c->out, s->bigEndian);
-    if (s->tables.command)
-        c->out[0] = (char)plcTablesPack(&s->tables, c->out, s->bigEndian);
+    makeBlock(s, line->transport->space(line->pvt));
     s->lastSend = now;
     sendBlock(s, 1, now, wake);
 }
@@ -214,8 +223,7 @@ PLC_COLD static void noteWrites(plcStation *s, epicsUInt64 now)
     int leaves = plcImageDirty(s->out);
 
     plcReadbackNote(s->readback, on);
-    if (s->exchange)
-        plcReadbackNote(s->exchange->tracked, on);
+    plcReadbackNote(s->tracked, on);
     if (!on || s->tracks == on) {
         s->tracks = on;
         return;
@@ -224,8 +232,7 @@ PLC_COLD static void noteWrites(plcStation *s, epicsUInt64 now)
     if (!epicsAtomicGetIntT(&s->taken))
         return;
     plcReadbackWait(s->readback, s->out, now, leaves);
-    if (s->exchange)
-        plcReadbackWait(s->exchange->tracked, s->out, now, leaves);
+    plcReadbackWait(s->tracked, s->out, now, leaves);
 }
 
 /* True when somebody counts on this thread: the watchdog of a PLC, its partner, who compares
@@ -233,8 +240,7 @@ PLC_COLD static void noteWrites(plcStation *s, epicsUInt64 now)
 static int hasDuty(plcStation *s)
 {
     return s->now.heartbeat > 0 || s->now.sync || plcStationIsPair(s) ||
-           plcReadbackCount(s->readback) ||
-           (s->exchange && plcReadbackCount(s->exchange->tracked));
+           plcReadbackCount(s->readback) || plcReadbackCount(s->tracked);
 }
 
 static void chooseScanThread(plcStation *s)
@@ -291,7 +297,7 @@ PLC_HOT static void takeOrders(plcStation *s, epicsUInt64 now)
     epicsMutexUnlock(s->lock);
     if (changed && s->policy->options)
         s->policy->options(s->policyPvt, &s->now);
-    if (changed && s->exchange)
+    if (changed)
         plcExchangeOptions(s);
     if (changed)
         chooseScanThread(s);
@@ -317,8 +323,7 @@ static void begin(plcStation *s)
     epicsMutexMustLock(s->lock);
     s->optionsChanged = 1;
     epicsMutexUnlock(s->lock);
-    if (s->exchange)
-        plcExchangeBegin(s);
+    plcExchangeBegin(s);
     takeOrders(s, 0);
     plcSyncInit(&s->sync, (epicsUInt16)s->now.layout);
     plcTablesStart(s);
@@ -346,11 +351,8 @@ static void waitFor(plcStation *s, epicsUInt64 wake)
 
     fds[0].fd = plcWakeDescriptor(&s->wake);
     fds[0].events = POLLIN;
-    for (i = 0; i < s->lineCount; i++) {
-        fds[i + 1].fd = plcLineSocket(s, i);
-        fds[i + 1].events = plcConnectionEvents(&s->lines[i].connection);
-        fds[i + 1].revents = 0;
-    }
+    for (i = 0; i < s->lineCount; i++)
+        plcLinePoll(s, i, &fds[i + 1]);
 #ifdef __linux__
     struct timespec limit = {wait / 1000000000u, wait % 1000000000u};
     int ready = ppoll(fds, i + 1, wake == PLC_NEVER ? NULL : &limit, NULL);
@@ -437,8 +439,7 @@ PLC_HOT void plcStationThread(plcStation *s)
             plcEarlier(&wake, s->policyWake);
         waitFor(s, wake);
     }
-    if (s->exchange)
-        plcExchangeEnd(s);
+    plcExchangeEnd(s);
     for (i = 0; i < s->lineCount; i++) {
         plcConnectionClose(&s->lines[i].connection, NULL, 0);
         plcResolverRelease(s->lines[i].resolver);

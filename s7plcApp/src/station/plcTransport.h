@@ -1,14 +1,17 @@
-/* How a station exchanges values over a wire that acknowledges them: the table of functions by
- * which the core knows a transport without knowing what it is.
+/* How a station and its PLC exchange values over a wire: the table of functions by which the core
+ * knows a transport without knowing what it is.
  *
- * The station connects, waits before it tries again, logs, and decides what may leave; it
- * hands the connected socket to the transport. The transport has a thread of its own, its
- * worker, which may wait for the PLC; station and worker meet in a mailbox. No transport
- * calls the station, but for `wake`: the station fetches what there is to tell (plcNews),
- * and hands over what records have put.
+ * The station connects, waits before it tries again, logs, and decides what may leave and when. Of
+ * two kinds a transport is one:
+ *   - It reads and writes blocks on the socket in the station's thread, without waiting: `receive`,
+ *     `send`.
+ *   - It has a thread of its own, its worker, which gets the connected socket and may wait for the
+ *     PLC: `news`, `put`. Station and worker meet in a mailbox: the station fetches what there is
+ *     to tell, and hands over what records have put.
+ * No transport calls the station, but for `wake`.
  *
- * Functions run in the station's thread unless they say otherwise. None blocks, but for
- * destroy, which joins the worker.
+ * Functions run in the station's thread unless they say otherwise. None blocks, but for destroy,
+ * which joins the worker.
  */
 #ifndef INC_plcTransport_H
 #define INC_plcTransport_H
@@ -19,6 +22,7 @@
 #include <epicsTypes.h>
 #include <osiSock.h>
 
+#include "plcConnection.h"
 #include "plcFaults.h"
 #include "plcImage.h"
 
@@ -47,6 +51,18 @@ typedef struct plcNews {
     double latencyMax;         /* ms */
 } plcNews;
 
+/* What has come on a connection. */
+typedef struct plcCame {
+    size_t count;      /* whole blocks since the last call that may be used */
+    const void *block; /* the newest of them, until the next call; NULL with count 0 */
+    int wrong;         /* the size of the blocks is wrong, or they begin elsewhere (burst is
+                        * the size then): the connection is to be made anew */
+    size_t burst;      /* bytes that come at a time, when that is not the size of a block; 0: no
+                        * sign of it, or (wrong) no constant size at all */
+    unsigned doubts;   /* whether a block began where it should, since the connection is up */
+    int more;          /* there may be more bytes to read */
+} plcCame;
+
 /* What a transport is made of, beside its own setup. */
 typedef struct plcTransportSetup {
     const char *name;        /* of the PLC; stays where it is */
@@ -61,13 +77,44 @@ typedef struct plcTransportSetup {
 } plcTransportSetup;
 
 typedef struct plcTransport {
-    const char *name;   /* of the wire, for people */
+    const char *name;   /* of the wire, for people; "" for blocks */
     const char *prefix; /* the same and a blank: before log lines about its connection */
 
-    /* Makes one for a PLC, when it is configured. `own` is the transport's own setup, of
-     * which it makes a copy. No thread yet. */
+    /* What it can: */
+    int syncs;     /* the handshake is in its blocks (option sync) */
+    int shows;     /* on each connection it reads first what the PLC holds of the outputs: until
+                    * then none leaves. And it tells which bits were refused (plcFaults) */
+    int takesPuts; /* it takes puts out of the output image in their order until none is left
+                    * (plcImageTakePuts, plcImagePutsDone), and each is acknowledged */
+
+    /* Makes one for a connection of a PLC, when it is configured. `own` is the transport's own
+     * setup, of which it makes a copy. No thread yet. */
     void *(*create)(const plcTransportSetup *setup, const void *own);
     void (*destroy)(void *pvt); /* ends and joins the worker, if there is one */
+
+    /* --- In the station's thread; all NULL with a worker ----------------------------------- */
+
+    /* A new connection: what came before is forgotten, and a block half sent. */
+    void (*connected)(void *pvt, plcConnection *c);
+
+    /* Reads what is there. Returns the bytes read, 0: none, or -1 when the connection is lost,
+     * as plcConnectionReceive, with *came. */
+    int (*receive)(void *pvt, plcConnection *c, epicsUInt64 now, plcCame *came);
+
+    /* Blocks came, and none could be used for too long: a doubt becomes `wrong`. */
+    void (*giveUp)(void *pvt, plcCame *came);
+
+    /* Where the next block is made, while none is being sent; outSize bytes. */
+    char *(*space)(void *pvt);
+
+    /* Begins (begin=1) to send what is there, or goes on with it. Returns 1 when all of it is with
+     * the kernel, 0 when some is left for later, -1 lost as plcConnectionSend. */
+    int (*send)(void *pvt, plcConnection *c, int begin, epicsUInt64 now);
+
+    /* 1 while a block is half sent. */
+    int (*sending)(const void *pvt);
+
+    /* --- By a worker ------------------------------------------------------------------------ */
 
     /* Before the thread of the station begins, also again after it ended / when it ends. */
     void (*begin)(void *pvt);
@@ -94,11 +141,9 @@ typedef struct plcTransport {
      * blocks or shown are not 0. Returns 0 when there is none. */
     int (*news)(void *pvt, plcNews *news, void *input, void *output);
 
-    /* takesPuts 1: there are puts in the output image; the worker takes them, in their order,
-     * until none is left (plcImageTakePuts, plcImagePutsDone); image and mask are NULL.
-     * 0: puts are the bits of `image` that are set in `mask`, both outSize bytes. They join
-     * what was handed over before and has not left. */
-    int takesPuts;
+    /* With takesPuts: there are puts in the output image; image and mask are NULL. Without: puts
+     * are the bits of `image` that are set in `mask`, both outSize bytes. They join what was
+     * handed over before and has not left. */
     void (*put)(void *pvt, const void *image, const void *mask);
 
     /* Lines for s7plcReport: `where` is "host:port", `state` "connected" or why not. Any

@@ -2,7 +2,6 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <poll.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include <netinet/tcp.h>
@@ -11,7 +10,6 @@
 #include <linux/sockios.h>
 #endif
 
-#include <cantProceed.h>
 #include <epicsStdio.h>
 
 #include "plcConnection.h"
@@ -63,18 +61,10 @@ static int fail(plcConnection *c, int number, epicsUInt64 now)
     return -1;
 }
 
-void plcConnectionInit(plcConnection *c, size_t outSize)
+void plcConnectionInit(plcConnection *c)
 {
     memset(c, 0, sizeof(*c));
     c->socket = INVALID_SOCKET;
-    c->outSize = c->sent = outSize;
-    c->out = callocMustSucceed(1, outSize + 1, "plcConnectionInit");
-}
-
-void plcConnectionFree(plcConnection *c)
-{
-    plcConnectionClose(c, NULL, 0);
-    free(c->out);
 }
 
 static void setOption(SOCKET s, int level, int option, int value)
@@ -133,7 +123,6 @@ void plcConnectionClose(plcConnection *c, const char *why, epicsUInt64 now)
     if (c->state != plcConnectionDown)
         c->since = now;
     c->state = plcConnectionDown;
-    c->sent = c->outSize;
     if (why && why != c->error)
         epicsSnprintf(c->error, sizeof(c->error), "%s", why);
 }
@@ -176,16 +165,13 @@ static int unsent(const plcConnection *c)
 
 int plcConnectionDelivered(const plcConnection *c)
 {
-    return plcConnectionIdle(c) && queued(c) == 0;
+    return queued(c) == 0;
 }
 
 int plcConnectionReady(plcConnection *c, epicsUInt64 now)
 {
-    int left;
+    int left = queued(c);
 
-    if (!plcConnectionIdle(c))
-        return 0;
-    left = queued(c);
     if (left <= 0)
         return 1;
     if (c->given - (epicsUInt64)left >= c->marked) {
@@ -195,13 +181,13 @@ int plcConnectionReady(plcConnection *c, epicsUInt64 now)
     return now - c->markedAt < ACK_NS && unsent(c) == 0;
 }
 
-PLC_HOT short plcConnectionEvents(const plcConnection *c)
+PLC_HOT short plcConnectionEvents(const plcConnection *c, int sending)
 {
     switch (c->state) {
     case plcConnectionConnecting:
         return POLLOUT;
     case plcConnectionUp:
-        return plcConnectionIdle(c) ? POLLIN : POLLIN | POLLOUT;
+        return sending ? POLLIN | POLLOUT : POLLIN;
     default:
         return 0;
     }
@@ -222,10 +208,7 @@ int plcConnectionFinish(plcConnection *c, epicsUInt64 now)
         return errno == ENOTCONN ? 0 : fail(c, errno, now);
     c->state = plcConnectionUp;
     c->since = now;
-    c->sent = c->outSize;
     c->given = c->marked = 0;
-    if (queued(c) < 0)
-        setOption(c->socket, SOL_SOCKET, SO_SNDBUF, (int)c->outSize);
     c->error[0] = 0;
     return 1;
 }
@@ -245,27 +228,21 @@ PLC_HOT int plcConnectionReceive(plcConnection *c, void *space, size_t room, epi
     return fail(c, errno, now);
 }
 
-PLC_HOT int plcConnectionIdle(const plcConnection *c)
+void plcConnectionSmall(plcConnection *c, size_t size)
 {
-    return c->state == plcConnectionUp && c->sent == c->outSize;
+    if (queued(c) < 0)
+        setOption(c->socket, SOL_SOCKET, SO_SNDBUF, (int)size);
 }
 
-int plcConnectionSend(plcConnection *c, int restart, epicsUInt64 now)
+int plcConnectionSend(plcConnection *c, const void *bytes, size_t count, epicsUInt64 now)
 {
-    if (restart)
-        c->sent = 0;
-    while (c->sent < c->outSize) {
-        ssize_t count =
-            send(c->socket, c->out + c->sent, c->outSize - c->sent, MSG_NOSIGNAL);
+    ssize_t sent;
 
-        if (count < 0 && errno == EINTR)
-            continue;
-        if (count < 0 && (errno == EAGAIN || errno == EWOULDBLOCK))
-            return 0;
-        if (count < 0)
-            return fail(c, errno, now);
-        c->sent += count;
-        c->given += (epicsUInt64)count;
-    }
-    return 1;
+    do
+        sent = send(c->socket, bytes, count, MSG_NOSIGNAL);
+    while (sent < 0 && errno == EINTR);
+    if (sent < 0)
+        return errno == EAGAIN || errno == EWOULDBLOCK ? 0 : fail(c, errno, now);
+    c->given += (epicsUInt64)sent;
+    return (int)sent;
 }

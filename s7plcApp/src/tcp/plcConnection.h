@@ -1,4 +1,4 @@
-/* One TCP connection, without blocking: bytes come, and blocks of one size leave.
+/* One TCP connection, without blocking: bytes come, and bytes leave.
  *
  * Knows sockets; knows nothing of where blocks begin, of stations, records, policies or what the
  * bytes mean. All functions are called by the station's thread; none waits.
@@ -24,23 +24,19 @@ typedef struct plcConnection {
     SOCKET socket;
     epicsUInt64 since;    /* monotonic ns: when `state` began */
     epicsUInt64 lasted;   /* ns: how long the last connection was up */
-    size_t outSize;
-    char *out;            /* the block that leaves */
-    size_t sent;          /* its bytes that are with the kernel; outSize: all */
     epicsUInt64 given;    /* bytes that the kernel got on this connection */
     epicsUInt64 marked;   /* of them, so many at the time markedAt: not all acknowledged since */
     epicsUInt64 markedAt; /* monotonic ns */
     char error[80];       /* why it is down, in words: "connection refused" */
 } plcConnection;
 
-void plcConnectionInit(plcConnection *c, size_t outSize);
-void plcConnectionFree(plcConnection *c); /* closes first */
+void plcConnectionInit(plcConnection *c);
 
 /* Starts to connect; host and port in network byte order. Returns 0, or -1 with c->error. */
 int plcConnectionOpen(plcConnection *c, struct in_addr host, unsigned short port,
                       epicsUInt64 now);
 
-/* Closes and forgets all half blocks. `why` may be NULL: keeps c->error. */
+/* `why` may be NULL: keeps c->error. */
 void plcConnectionClose(plcConnection *c, const char *why, epicsUInt64 now);
 
 /* The same, and what the kernel has not brought to the PLC yet never gets there: no other
@@ -50,8 +46,9 @@ void plcConnectionAbort(plcConnection *c, const char *why, epicsUInt64 now);
 /* True when all that was sent has reached the PLC's host. */
 int plcConnectionDelivered(const plcConnection *c);
 
-/* What to wait for in poll(), given that the caller is ready for input. */
-short plcConnectionEvents(const plcConnection *c);
+/* What to wait for in poll(), given that the caller is ready for input; `sending`: and that there
+ * is more to send. */
+short plcConnectionEvents(const plcConnection *c, int sending);
 
 /* After poll() reported something while connecting. Returns 1 when the connection is up,
  * 0 not yet, -1 failed (closed, c->error says why). */
@@ -61,16 +58,15 @@ int plcConnectionFinish(plcConnection *c, epicsUInt64 now);
  * connection is lost (closed, c->error says why). */
 int plcConnectionReceive(plcConnection *c, void *space, size_t room, epicsUInt64 now);
 
-/* True when all bytes of the block in c->out are with the kernel. */
-int plcConnectionIdle(const plcConnection *c);
-
-/* True when they have left it, too, so that the next block may be put into c->out and sent:
- * the network has them, and the PLC's host has told so or is about to. Where the system
- * does not tell, the send buffer is so small that it holds hardly more than a block. */
+/* True when what was sent has left the kernel, too: the network has it, and the PLC's host has told
+ * so or is about to. Where the system does not tell (see plcConnectionSmall), always. */
 int plcConnectionReady(plcConnection *c, epicsUInt64 now);
 
-/* Begins (restart=1) to send the block in c->out, or goes on with it. Returns 1 when all
- * of it is with the kernel, 0 when some is left for later, -1 lost as above. */
-int plcConnectionSend(plcConnection *c, int restart, epicsUInt64 now);
+/* Where the system does not tell what has left: its send buffer holds hardly more than this. */
+void plcConnectionSmall(plcConnection *c, size_t size);
+
+/* Sends what the kernel takes. Returns the number of bytes, or -1 when the connection is lost
+ * (closed, c->error says why). */
+int plcConnectionSend(plcConnection *c, const void *bytes, size_t count, epicsUInt64 now);
 
 #endif /* INC_plcConnection_H */
