@@ -55,7 +55,7 @@ struct phoenixPair {
     epicsUInt64 reachLogged[PLC_LINES_MAX]; /* 0: never */
     epicsMutexId lock;                      /* guards from here on */
     phoenixStatus status;
-    int answeredOnce[PLC_LINES_MAX]; /* ICMP echo is no stranger to it */
+    int answeredOnce[PLC_LINES_MAX]; /* to ICMP echo */
     int asked[PLC_LINES_MAX];        /* its role changed; the watch was asked about it */
 };
 

@@ -163,7 +163,7 @@ static int isBusy(const simTables *t)
     return t->state == simMapLoading || t->state == simMapChecking;
 }
 
-static simBlock *spare(const simTables *t)
+static simBlock *otherTable(const simTables *t)
 {
     return t->table[t->active == 0 ? 1 : 0];
 }
@@ -187,16 +187,16 @@ static int part(simTables *t, int start, int count)
         return errorGap;
     if (count < 1 || count > (int)t->rx->size - 12)
         return errorPart;
-    if (start + count > (int)spare(t)->size)
+    if (start + count > (int)otherTable(t)->size)
         return errorRows;
-    memcpy(spare(t)->bytes + start, t->rx->bytes + 12, (size_t)count);
+    memcpy(otherTable(t)->bytes + start, t->rx->bytes + 12, (size_t)count);
     t->expected = start + count;
     return 0;
 }
 
 static int commit(simTables *t)
 {
-    const simBlock *table = spare(t);
+    const simBlock *table = otherTable(t);
 
     if (t->expected < SIM_TABLE_HEAD || simTableRowsTx(table) < 0 ||
         simTableRowsRx(table) < 0)
@@ -257,7 +257,7 @@ static void activate(simTables *t)
 /* Some of the check of a new table. */
 static int check(simTables *t)
 {
-    const simBlock *table = spare(t);
+    const simBlock *table = otherTable(t);
     int count = t->expected - t->position, error;
 
     if (t->nextRow < 0) {

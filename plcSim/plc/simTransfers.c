@@ -13,7 +13,7 @@
 #include "simValue.h"
 
 #define PAIR (2 * SIM_ANY)
-#define SPARE_PAIRS 8 /* free places in a pointer table */
+#define FREE_PAIRS 8 /* places left in a pointer table */
 
 /* ---- moves ---- */
 
@@ -308,7 +308,7 @@ static int makeTable(simProgram *program, simTransfers *t, unsigned db, const ch
     if (!t->pairCount || program->tables.rows)
         return 0;
     t->table = simMemoryAdd(program->memory, SIM_AREA_DB, db,
-                            (t->pairCount + SPARE_PAIRS) * PAIR, name);
+                            (t->pairCount + FREE_PAIRS) * PAIR, name);
     if (!t->table)
         return simFail(error, "%s cannot be DB%u: there is such a block already", name,
                        db);

@@ -263,7 +263,7 @@ static void relearn(eipWorker *w, eipTag *tag, int newProgram)
     if (tag->state != eipTagNew)
         w->tags.unknown++;
     tag->state = eipTagNew;
-    tag->instance = 0; /* they die with a download */
+    tag->instance = 0; /* they change with a download */
     epicsMutexUnlock(w->tagsLock);
     w->unknownRefusals += (unsigned)newProgram;
     w->replan = 1;

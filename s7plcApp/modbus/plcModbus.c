@@ -63,14 +63,14 @@ plcModbus *plcModbusCreate(const plcModbusSetup *setup)
     m->options.readPeriod = 1000;
     m->options.heartbeatRegister = -1;
     m->handed = INVALID_SOCKET;
-    m->glueIn = zeroed(setup->inSize);
-    m->ownGlueIn = zeroed(setup->inSize);
+    m->joinedIn = zeroed(setup->inSize);
+    m->ownJoinedIn = zeroed(setup->inSize);
     m->in = zeroed(setup->inSize);
     m->inNews = zeroed(setup->inSize);
-    m->healed = zeroed(setup->inSize);
-    m->healing = zeroed(setup->inSize);
-    m->glueOut = zeroed(setup->outSize);
-    m->ownGlueOut = zeroed(setup->outSize);
+    m->readable = zeroed(setup->inSize);
+    m->clearing = zeroed(setup->inSize);
+    m->joinedOut = zeroed(setup->outSize);
+    m->ownJoinedOut = zeroed(setup->outSize);
     m->out = zeroed(setup->outSize);
     m->outNews = zeroed(setup->outSize);
     m->leaving = zeroed(setup->outSize);
@@ -95,9 +95,9 @@ static void endSession(plcModbus *m)
     memset(&m->news, 0, sizeof(m->news));
     m->hasNews = m->mayWrite = 0;
     m->moreLog = 0;
-    memset(m->healed, 0, m->setup.inSize);
-    memset(m->healing, 0, m->setup.inSize);
-    m->someHealed = m->someHealing = 0;
+    memset(m->readable, 0, m->setup.inSize);
+    memset(m->clearing, 0, m->setup.inSize);
+    m->someReadable = m->someClearing = 0;
     if (m->setup.inFaults)
         plcFaultsClearAll(m->setup.inFaults); /* no data at all says it better */
 }
@@ -117,14 +117,14 @@ void plcModbusDestroy(plcModbus *m)
     plcModbusRelayDestroy(m->relay);
     plcWakeFree(&m->wake);
     epicsMutexDestroy(m->lock);
-    free(m->glueIn);
-    free(m->ownGlueIn);
+    free(m->joinedIn);
+    free(m->ownJoinedIn);
     free(m->in);
     free(m->inNews);
-    free(m->healed);
-    free(m->healing);
-    free(m->glueOut);
-    free(m->ownGlueOut);
+    free(m->readable);
+    free(m->clearing);
+    free(m->joinedOut);
+    free(m->ownJoinedOut);
     free(m->out);
     free(m->outNews);
     free(m->leaving);
@@ -161,15 +161,15 @@ void plcModbusSetOptions(plcModbus *m, const plcModbusOptions *options)
     plcWakeUp(&m->wake);
 }
 
-static int copyGlue(epicsUInt8 *to, const epicsUInt8 *from, size_t size)
+static int copyJoined(epicsUInt8 *to, const epicsUInt8 *from, size_t size)
 {
     if (from)
         memcpy(to, from, size);
     return from != NULL;
 }
 
-void plcModbusStart(plcModbus *m, SOCKET socket, const epicsUInt8 *glueIn,
-                    const epicsUInt8 *glueOut)
+void plcModbusStart(plcModbus *m, SOCKET socket, const epicsUInt8 *joinedIn,
+                    const epicsUInt8 *joinedOut)
 {
     int copy = fcntl(socket, F_DUPFD_CLOEXEC, 0);
     const char *why = copy < 0 || !m->canWake ? "too many open files in IOC"
@@ -180,9 +180,9 @@ void plcModbusStart(plcModbus *m, SOCKET socket, const epicsUInt8 *glueIn,
     endSession(m);
     m->running = 1;
     m->handed = why ? INVALID_SOCKET : copy;
-    m->knowsIn = copyGlue(m->glueIn, glueIn, m->setup.inSize);
-    m->knowsOut = copyGlue(m->glueOut, glueOut, m->setup.outSize);
-    m->glueIsNew = 0;
+    m->knowsIn = copyJoined(m->joinedIn, joinedIn, m->setup.inSize);
+    m->knowsOut = copyJoined(m->joinedOut, joinedOut, m->setup.outSize);
+    m->joinedIsNew = 0;
     if (why) {
         m->news.lost = m->hasNews = 1;
         strcpy(m->news.why, why);
@@ -196,12 +196,12 @@ void plcModbusStart(plcModbus *m, SOCKET socket, const epicsUInt8 *glueIn,
     }
 }
 
-void plcModbusGlue(plcModbus *m, const epicsUInt8 *glueIn, const epicsUInt8 *glueOut)
+void plcModbusJoined(plcModbus *m, const epicsUInt8 *joinedIn, const epicsUInt8 *joinedOut)
 {
     epicsMutexMustLock(m->lock);
-    m->knowsIn = copyGlue(m->glueIn, glueIn, m->setup.inSize);
-    m->knowsOut = copyGlue(m->glueOut, glueOut, m->setup.outSize);
-    m->glueIsNew = 1;
+    m->knowsIn = copyJoined(m->joinedIn, joinedIn, m->setup.inSize);
+    m->knowsOut = copyJoined(m->joinedOut, joinedOut, m->setup.outSize);
+    m->joinedIsNew = 1;
     epicsMutexUnlock(m->lock);
     plcWakeUp(&m->wake);
 }
@@ -224,27 +224,27 @@ void plcModbusWrite(plcModbus *m)
 
 /* What was refused is good again, and the records have it: the caller has come back. The
  * lock is held. */
-static void heal(plcModbus *m)
+static void endFaults(plcModbus *m)
 {
-    if (!m->someHealing)
+    if (!m->someClearing)
         return;
-    if (plcFaultsClear(m->setup.inFaults, 0, m->setup.inSize, m->healing))
+    if (plcFaultsClear(m->setup.inFaults, 0, m->setup.inSize, m->clearing))
         m->news.inFaults = m->hasNews = 1;
-    memset(m->healing, 0, m->setup.inSize);
-    m->someHealing = 0;
+    memset(m->clearing, 0, m->setup.inSize);
+    m->someClearing = 0;
 }
 
 /* The caller takes an image; with it what is good again in it. The lock is held. */
-static void takeHealed(plcModbus *m)
+static void takeReadable(plcModbus *m)
 {
-    epicsUInt8 *none = m->healing;
+    epicsUInt8 *none = m->clearing;
 
-    if (!m->someHealed)
+    if (!m->someReadable)
         return;
-    m->healing = m->healed;
-    m->healed = none;
-    m->someHealing = 1;
-    m->someHealed = 0;
+    m->clearing = m->readable;
+    m->readable = none;
+    m->someClearing = 1;
+    m->someReadable = 0;
 }
 
 int plcModbusTake(plcModbus *m, plcNews *news, void *input, void *output)
@@ -252,9 +252,9 @@ int plcModbusTake(plcModbus *m, plcNews *news, void *input, void *output)
     int has, again;
 
     epicsMutexMustLock(m->lock);
-    heal(m);
+    endFaults(m);
     if (m->news.blocks)
-        takeHealed(m);
+        takeReadable(m);
     has = m->hasNews;
     *news = m->news;
     if (m->news.blocks)
@@ -268,7 +268,7 @@ int plcModbusTake(plcModbus *m, plcNews *news, void *input, void *output)
     memset(&m->news, 0, sizeof(m->news));
     m->hasNews = 0;
     m->moreLog = 0;
-    again = m->someHealing;
+    again = m->someClearing;
     epicsMutexUnlock(m->lock);
     if (again)
         m->setup.wake(m->setup.arg);
@@ -326,13 +326,13 @@ static int beat(plcModbus *m)
 /* --- The thread ------------------------------------------------------------------- */
 
 /* The lock is held. */
-static void takeGlue(plcModbus *m)
+static void takeJoined(plcModbus *m)
 {
     session *s = &m->session;
 
-    s->knowsIn = copyGlue(m->ownGlueIn, m->knowsIn ? m->glueIn : NULL, m->setup.inSize);
-    s->knowsOut = copyGlue(m->ownGlueOut, m->knowsOut ? m->glueOut : NULL, m->setup.outSize);
-    m->glueIsNew = 0;
+    s->knowsIn = copyJoined(m->ownJoinedIn, m->knowsIn ? m->joinedIn : NULL, m->setup.inSize);
+    s->knowsOut = copyJoined(m->ownJoinedOut, m->knowsOut ? m->joinedOut : NULL, m->setup.outSize);
+    m->joinedIsNew = 0;
 }
 
 /* Takes over a connection, if there is a new one. */
@@ -351,7 +351,7 @@ static void beginSession(plcModbus *m)
         s->on = 1;
         s->options = m->options;
         memset(m->leaving, 0, m->setup.outSize);
-        takeGlue(m);
+        takeJoined(m);
     }
     epicsMutexUnlock(m->lock);
     if (socket == INVALID_SOCKET)
@@ -398,10 +398,10 @@ static epicsUInt64 step(plcModbus *m)
 
     if (!plcWorkerEnter(m))
         return PLC_WORKER_NEVER;
-    s->planIsOld |= takeOptions(m) || m->glueIsNew;
+    s->planIsOld |= takeOptions(m) || m->joinedIsNew;
     plan = s->planIsOld && !s->round; /* not within a round of reads */
     if (plan) {
-        takeGlue(m);
+        takeJoined(m);
         s->planIsOld = 0;
     }
     epicsMutexUnlock(m->lock);

@@ -67,12 +67,12 @@ void plcModbusSetOptions(plcModbus *modbus, const plcModbusOptions *options);
 /* The connection is up: begin (the worker uses a descriptor of its own for it, but shuts
  * the connection down when it is lost). First the output ranges are read (news: shown or
  * unread), then all input ranges, then each by its period. Orders from before are void.
- * glueIn, glueOut (may be NULL) are copied. */
-void plcModbusStart(plcModbus *modbus, SOCKET socket, const epicsUInt8 *glueIn,
-                    const epicsUInt8 *glueOut);
+ * joinedIn, joinedOut (may be NULL) are copied. */
+void plcModbusStart(plcModbus *modbus, SOCKET socket, const epicsUInt8 *joinedIn,
+                    const epicsUInt8 *joinedOut);
 
 /* New ones, from the next request on. */
-void plcModbusGlue(plcModbus *modbus, const epicsUInt8 *glueIn, const epicsUInt8 *glueOut);
+void plcModbusJoined(plcModbus *modbus, const epicsUInt8 *joinedIn, const epicsUInt8 *joinedOut);
 
 /* Never mind the connection: it is shut down, a request under way is cut off; no news of
  * it comes any more, and no change of the faults. */

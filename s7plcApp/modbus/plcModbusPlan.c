@@ -49,7 +49,7 @@ static const struct {
 typedef struct plan {
     const plcRange **ranges; /* of one table and period, by start */
     unsigned count;
-    const epicsUInt8 *glue; /* or NULL */
+    const epicsUInt8 *joined; /* or NULL */
     size_t imageSize;
     int bitsMaySplit; /* coils of one byte are values of their own */
     plcTable table;
@@ -93,10 +93,10 @@ static void choose(plan *p, const plcRange *ranges, unsigned count, plcTable tab
     qsort(p->ranges, p->count, sizeof(*p->ranges), byStart);
 }
 
-static plan begin(const plcRange *ranges, unsigned count, const epicsUInt8 *glue,
+static plan begin(const plcRange *ranges, unsigned count, const epicsUInt8 *joined,
                   plcLimits limits)
 {
-    plan p = {.glue = glue, .limits = limits};
+    plan p = {.joined = joined, .limits = limits};
     unsigned i;
 
     p.ranges = callocMustSucceed(count + 1, sizeof(*p.ranges), "plcModbusPlan");
@@ -146,9 +146,9 @@ static int goesOn(const plan *p, const plcRange *range, unsigned address)
     unsigned i;
 
     if (tables[p->table].bits && (address - range->start) % 8) /* within a byte */
-        return !p->bitsMaySplit || p->glue[byte] ||
-               (byte + 1 < p->imageSize && p->glue[byte + 1]);
-    if (!p->glue[byte] || byte == 0)
+        return !p->bitsMaySplit || p->joined[byte] ||
+               (byte + 1 < p->imageSize && p->joined[byte + 1]);
+    if (!p->joined[byte] || byte == 0)
         return 0;
     /* The byte before it may belong to another range, and to another address. */
     for (i = 0; i < p->count; i++)
@@ -163,7 +163,7 @@ static int cuts(const plan *p, unsigned address)
 {
     unsigned i;
 
-    if (!p->glue)
+    if (!p->joined)
         return 0;
     for (i = 0; i < p->count; i++)
         if (holds(p->ranges[i], address) && goesOn(p, p->ranges[i], address))
@@ -221,10 +221,10 @@ static void planTable(plan *p)
     }
 }
 
-unsigned plcPlanReads(const plcRange *ranges, unsigned count, const epicsUInt8 *glue,
+unsigned plcPlanReads(const plcRange *ranges, unsigned count, const epicsUInt8 *joined,
                       plcLimits limits, plcRequest **requests)
 {
-    plan p = begin(ranges, count, glue, limits);
+    plan p = begin(ranges, count, joined, limits);
     unsigned i, j;
 
     for (i = 0; i < count; i++) {
@@ -292,10 +292,10 @@ static void writeRange(plan *p, const plcRange *range, const epicsUInt8 *mask, i
 }
 
 unsigned plcPlanWrites(const plcRange *ranges, unsigned count, const epicsUInt8 *mask,
-                       const epicsUInt8 *glue, plcLimits limits, int single,
+                       const epicsUInt8 *joined, plcLimits limits, int single,
                        plcRequest **requests)
 {
-    plan p = begin(ranges, count, glue, limits);
+    plan p = begin(ranges, count, joined, limits);
     unsigned i, j;
 
     for (i = 0; i < count; i++) {
@@ -394,10 +394,10 @@ int plcPlanJoins(void *join, const plcPut *put)
     return joins;
 }
 
-int plcPlanHalve(const plcRange *ranges, unsigned count, const epicsUInt8 *glue,
+int plcPlanHalve(const plcRange *ranges, unsigned count, const epicsUInt8 *joined,
                  const plcRequest *request, plcRequest halves[2])
 {
-    plan p = begin(ranges, count, glue, (plcLimits){0, 0});
+    plan p = begin(ranges, count, joined, (plcLimits){0, 0});
     unsigned start = request->start, end = start + request->count;
     unsigned middle = start + request->count / 2, place = middle;
 

@@ -60,20 +60,20 @@ typedef struct plcLimits {
     unsigned registers, bits;
 } plcLimits;
 
-/* The reads for these ranges: as few as the limits force. `glue` (NULL: nothing is known)
+/* The reads for these ranges: as few as the limits force. `joined` (NULL: nothing is known)
  * has a byte per byte of the image: not 0 means that this byte belongs to the same value
  * as the one before it: no request ends there, nor within a byte of bits. A value is cut
  * only where it is longer than a request. Returns their number, and a new array,
  * to be freed. */
-unsigned plcPlanReads(const plcRange *ranges, unsigned count, const epicsUInt8 *glue,
+unsigned plcPlanReads(const plcRange *ranges, unsigned count, const epicsUInt8 *joined,
                       plcLimits limits, plcRequest **requests);
 
 /* The writes for the bits set in `mask` (as large as the image): runs of whole registers,
- * runs of coils, and each register of which only some bits are set. `glue` as above.
+ * runs of coils, and each register of which only some bits are set. `joined` as above.
  * `single`: functions 6 and 5 for requests of one register or coil. Bits that lie in no
  * range are left out. Returns the number of requests, and a new array, to be freed. */
 unsigned plcPlanWrites(const plcRange *ranges, unsigned count, const epicsUInt8 *mask,
-                       const epicsUInt8 *glue, plcLimits limits, int single,
+                       const epicsUInt8 *joined, plcLimits limits, int single,
                        plcRequest **requests);
 
 /* May a put leave in one request with those before it? Only when it begins where they end, in
@@ -95,7 +95,7 @@ int plcPlanJoins(void *join, const plcPut *put);
  * behind it) that cuts no value; coils of a byte that is no part of a longer value are
  * single values. Both have the function of the whole. Returns 1; or 0 when it holds one
  * value only. */
-int plcPlanHalve(const plcRange *ranges, unsigned count, const epicsUInt8 *glue,
+int plcPlanHalve(const plcRange *ranges, unsigned count, const epicsUInt8 *joined,
                  const plcRequest *request, plcRequest halves[2]);
 
 /* Where a request lies in the image: a piece for each range of its table, unit and period that

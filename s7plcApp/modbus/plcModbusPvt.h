@@ -78,18 +78,18 @@ struct plcModbus {
     unsigned generation;
     int running;   /* started and not stopped */
     SOCKET handed; /* for the worker; INVALID_SOCKET: none */
-    epicsUInt8 *glueIn, *glueOut;
-    int knowsIn, knowsOut;    /* glue was given */
-    int glueIsNew;            /* since the session began */
+    epicsUInt8 *joinedIn, *joinedOut;
+    int knowsIn, knowsOut;    /* joined was given */
+    int joinedIsNew;          /* since the session began */
     int mayWrite; /* puts are to be taken, in this session */
     plcNews news;
     int hasNews;
     unsigned moreLog; /* lines for which there was no room */
     epicsUInt8 *inNews, *outNews;
-    epicsUInt8 *healed;  /* bits of inNews that were refused before */
-    epicsUInt8 *healing; /* the same of the image that was taken last: their fault ends
+    epicsUInt8 *readable; /* bits of inNews that were refused before */
+    epicsUInt8 *clearing; /* the same of the image that was taken last: their fault ends
                           * when the records have it */
-    int someHealed, someHealing;
+    int someReadable, someClearing;
 
     /* the worker's own */
     session session;
@@ -97,7 +97,7 @@ struct plcModbus {
     epicsUInt8 *leaving, *values; /* bits that a plan is still to write, their values */
     epicsUInt8 *waiting;          /* bits of all puts that have not left */
     epicsUInt8 *unsure;           /* bits under way when a connection ended */
-    epicsUInt8 *ownGlueIn, *ownGlueOut;
+    epicsUInt8 *ownJoinedIn, *ownJoinedOut;
     plcPiece *pieces;
     cut *cuts;
     unsigned cutCount, cutRoom;

@@ -107,13 +107,13 @@ static int split(plcModbus *m, unsigned at)
     turn t = s->turns[at];
     const plcRange *ranges = t.output ? m->setup.outputs : m->setup.inputs;
     unsigned count = t.output ? m->setup.outputCount : m->setup.inputCount;
-    const epicsUInt8 *glue = t.output ? (s->knowsOut ? m->ownGlueOut : NULL)
-                                      : (s->knowsIn ? m->ownGlueIn : NULL);
+    const epicsUInt8 *joined = t.output ? (s->knowsOut ? m->ownJoinedOut : NULL)
+                                        : (s->knowsIn ? m->ownJoinedIn : NULL);
     unsigned end = t.request.start + t.request.count, place = rangePlace(m, &t);
     plcRequest half[2];
 
     if (place == end) {
-        if (!plcPlanHalve(ranges, count, glue, &t.request, half))
+        if (!plcPlanHalve(ranges, count, joined, &t.request, half))
             return 0;
         place = half[1].start;
     }
@@ -180,17 +180,17 @@ static void tellRefused(plcModbus *m)
 
 /* These bits are good again in the image that is news next, or are not. The lock is held.
  */
-static void markHealed(plcModbus *m, size_t offset, size_t size, const epicsUInt8 *mask,
+static void markReadable(plcModbus *m, size_t offset, size_t size, const epicsUInt8 *mask,
                        int good)
 {
     size_t i;
 
     for (i = 0; i < size; i++) {
-        m->healed[offset + i] &= (epicsUInt8)~mask[i];
-        m->healing[offset + i] &= (epicsUInt8)~mask[i];
-        m->healed[offset + i] |= good ? mask[i] : 0;
+        m->readable[offset + i] &= (epicsUInt8)~mask[i];
+        m->clearing[offset + i] &= (epicsUInt8)~mask[i];
+        m->readable[offset + i] |= good ? mask[i] : 0;
     }
-    m->someHealed |= good;
+    m->someReadable |= good;
 }
 
 static void inputRead(plcModbus *m, turn *t, int code)
@@ -214,7 +214,7 @@ static void inputRead(plcModbus *m, turn *t, int code)
         else
             plcWorkerStore(m, q, p, m->in);
         if (t->refused || code)
-            markHealed(m, p->offset, plcWorkerPieceBytes(q, p), mask, !code);
+            markReadable(m, p->offset, plcWorkerPieceBytes(q, p), mask, !code);
     }
     if (t->refused && !code && t->told)
         plcWorkerNote(m, "read of %s: good again", plcWorkerWhere(q, text));
@@ -374,14 +374,14 @@ void plcWorkerPlan(plcModbus *m)
 
     s->turnCount = 0;
     n = plcPlanReads(m->setup.outputs, m->setup.outputCount,
-                     s->knowsOut ? m->ownGlueOut : NULL, s->options.limits, &requests);
+                     s->knowsOut ? m->ownJoinedOut : NULL, s->options.limits, &requests);
     for (i = 0; i < n; i++)
         addTurns(m, requests[i], 1, now - 1); /* before all others */
     free(requests);
     if (n == 0 && !s->outputsTried)
         tellOutputs(m);
     n = plcPlanReads(m->setup.inputs, m->setup.inputCount,
-                     s->knowsIn ? m->ownGlueIn : NULL, s->options.limits, &requests);
+                     s->knowsIn ? m->ownJoinedIn : NULL, s->options.limits, &requests);
     for (i = 0; i < n; i++)
         addTurns(m, requests[i], 0, now);
     free(requests);

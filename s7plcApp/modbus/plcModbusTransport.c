@@ -116,7 +116,7 @@ static void whole(void *pvt, const epicsUInt8 *wholeIn, const epicsUInt8 *wholeO
 {
     modbusTransport *t = pvt;
 
-    plcModbusGlue(t->worker, wholeIn, wholeOut);
+    plcModbusJoined(t->worker, wholeIn, wholeOut);
 }
 
 static void down(void *pvt)

@@ -116,7 +116,7 @@ static int refused(plcModbus *m, const plcRequest *q, int code)
 
     if (halvesMayHelp(m, code) &&
         plcPlanHalve(m->setup.outputs, m->setup.outputCount,
-                     m->session.knowsOut ? m->ownGlueOut : NULL, q, half))
+                     m->session.knowsOut ? m->ownJoinedOut : NULL, q, half))
         return writeOne(m, &half[0]) || writeOne(m, &half[1]) ? -1 : 0;
     if (code == 1 && q->count > 1 && m->session.options.singleWrite) {
         m->session.noMultiple[plcWorkerIsBits(q->table)] = 1;
@@ -177,7 +177,7 @@ static int writeTogether(plcModbus *m)
     int status = 0;
 
     n = plcPlanWrites(m->setup.outputs, m->setup.outputCount, m->leaving,
-                      m->session.knowsOut ? m->ownGlueOut : NULL, m->session.options.limits,
+                      m->session.knowsOut ? m->ownJoinedOut : NULL, m->session.options.limits,
                       m->session.options.singleWrite, &requests);
     for (i = 0; i < n && status == 0; i++)
         status = writeOne(m, &requests[i]);

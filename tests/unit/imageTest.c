@@ -298,12 +298,12 @@ static void testChanges(void)
     plcImageDestroy(image);
 }
 
-/* What is owed where the PLC shows this */
-static int owes(plcImage *image, const char *shown, const epicsUInt8 *glue, const char *mask)
+/* What is put again where the PLC shows this */
+static int again(plcImage *image, const char *shown, const epicsUInt8 *joined, const char *mask)
 {
     char bytes[8], got[8];
 
-    if (!plcImageOwe(image, shown, glue))
+    if (!plcImagePutAgain(image, shown, joined))
         return 0;
     takeChanges(image, bytes, got);
     return memcmp(got, mask, 8) == 0 && memcmp(bytes, "ABCDE\0G\x08", 8) == 0;
@@ -311,7 +311,7 @@ static int owes(plcImage *image, const char *shown, const epicsUInt8 *glue, cons
 
 static void testOwedWhole(void)
 {
-    static const epicsUInt8 glue[8] = {0, 1, 1, 1}; /* a value of four bytes */
+    static const epicsUInt8 joined[8] = {0, 1, 1, 1}; /* a value of four bytes */
     plcImage *image = plcImageCreate(8);
     char taken[8];
 
@@ -319,15 +319,15 @@ static void testOwedWhole(void)
     plcImageWrite(image, 0, 5, "ABCDE", NULL);
     plcImageWrite(image, 6, 2, "G\x08", "\xFF\x0F");
     plcImageTake(image, taken);
-    testOk(owes(image, "ABCE" "E\0G\x08", glue, "\xFF\xFF\xFF\xFF\0\0\0\0"),
-           "a value that differs is owed whole");
-    testOk(owes(image, "ABCD" "D\0F\x07", glue, "\0\0\0\0\x01\0\x01\x0F"),
+    testOk(again(image, "ABCE" "E\0G\x08", joined, "\xFF\xFF\xFF\xFF\0\0\0\0"),
+           "a value that differs is put again whole");
+    testOk(again(image, "ABCD" "D\0F\x07", joined, "\0\0\0\0\x01\0\x01\x0F"),
            "but only bits where a part of its register is not ours");
-    testOk(owes(image, "ABCE" "E\0G\x08", NULL, "\0\0\0\x01\0\0\0\0"),
+    testOk(again(image, "ABCE" "E\0G\x08", NULL, "\0\0\0\x01\0\0\0\0"),
            "or where nobody says what a value is");
     plcImageWrite(image, 5, 1, "\0", NULL);
     plcImageTake(image, taken);
-    testOk(owes(image, "ABCD" "E\1G\x08", glue, "\0\0\0\0\xFF\xFF\0\0"),
+    testOk(again(image, "ABCD" "E\1G\x08", joined, "\0\0\0\0\xFF\xFF\0\0"),
            "both bytes of a register together");
     plcImageDestroy(image);
 }
@@ -337,31 +337,31 @@ static void testOwed(void)
     plcImage *image = plcImageCreate(4);
 
     plcImageKeepPuts(image, 1000);
-    testOk(plcImageOwe(image, "wxyz", NULL) == 0 && plcImageOwe(image, NULL, NULL) == 0 &&
+    testOk(plcImagePutAgain(image, "wxyz", NULL) == 0 && plcImagePutAgain(image, NULL, NULL) == 0 &&
                !plcImageDirty(image),
-           "who has written nothing owes nothing");
+           "who has written nothing has nothing to put again");
     plcImageWrite(image, 0, 2, "AB", NULL);
     plcImageWrite(image, 3, 1, "\x02", "\x03");
     testOk(takes(image, "AB\0\x02", "\xFF\xFF\0\x03"), "written and taken");
-    testOk(plcImageOwe(image, "AB\x55\xF2", NULL) == 0 && !plcImageDirty(image),
+    testOk(plcImagePutAgain(image, "AB\x55\xF2", NULL) == 0 && !plcImageDirty(image),
            "a PLC that shows it gets nothing");
-    testOk(plcImageOwe(image, "ACzz", NULL) == 1 && plcImageDirty(image) &&
+    testOk(plcImagePutAgain(image, "ACzz", NULL) == 1 && plcImageDirty(image) &&
                takes(image, "AB\0\x02", "\0\x01\0\0"),
            "else the bits that differ");
-    testOk(plcImageOwe(image, NULL, NULL) == 1 && takes(image, "AB\0\x02", "\xFF\xFF\0\x03"),
+    testOk(plcImagePutAgain(image, NULL, NULL) == 1 && takes(image, "AB\0\x02", "\xFF\xFF\0\x03"),
            "or all, if it shows nothing");
     testOk(plcImageSet(image, 0, 1, "A", NULL, NULL) == 0 &&
-               plcImageOwe(image, NULL, NULL) == 1 && takes(image, "AB\0\x02", "\0\xFF\0\x03"),
+               plcImagePutAgain(image, NULL, NULL) == 1 && takes(image, "AB\0\x02", "\0\xFF\0\x03"),
            "what was set meanwhile is not ours any more, though it was the same");
     testOk(plcImageSet(image, 1, 1, "C", NULL, "D") == 0 &&
-               plcImageOwe(image, "AA\0\x02", NULL) && takes(image, "AB\0\x02", "\0\x03\0\0"),
+               plcImagePutAgain(image, "AA\0\x02", NULL) && takes(image, "AB\0\x02", "\0\x03\0\0"),
            "it is when another value was expected there");
     plcImageWrite(image, 1, 1, "E", NULL);
-    testOk(plcImageSet(image, 1, 1, "\0", "\x0F", "E") == 1 && plcImageOwe(image, NULL, NULL) &&
+    testOk(plcImageSet(image, 1, 1, "\0", "\x0F", "E") == 1 && plcImagePutAgain(image, NULL, NULL) &&
                takes(image, "A\x40\0\x02", "\0\xF0\0\x03"),
            "bits that are set take only themselves out, also of what waits");
     plcImageWrite(image, 2, 1, "z", NULL);
-    testOk(plcImageOwe(image, "A\x40z\x02", NULL) == 0 &&
+    testOk(plcImagePutAgain(image, "A\x40z\x02", NULL) == 0 &&
                takes(image, "A\x40z\x02", "\0\0\xFF\0"),
            "what waits leaves in any case");
     plcImageDestroy(image);
@@ -369,12 +369,12 @@ static void testOwed(void)
     testOwedWhole();
     image = plcImageCreate(0);
     plcImageKeepPuts(image, 1000);
-        testOk(plcImageOwe(image, NULL, NULL) == 0, "an image of 0 bytes owes nothing");
+        testOk(plcImagePutAgain(image, NULL, NULL) == 0, "an image of 0 bytes has nothing to put again");
     plcImageDestroy(image);
 
     image = plcImageCreate(4);
     plcImageWrite(image, 0, 4, "ABCD", NULL);
-    testOk(plcImageOwe(image, NULL, NULL) == 0, "an image that keeps no puts owes none");
+    testOk(plcImagePutAgain(image, NULL, NULL) == 0, "an image that keeps no puts has none to put again");
     plcImageDestroy(image);
 }
 
@@ -435,15 +435,15 @@ static int modelPut(model *m, size_t offset, size_t length, const epicsUInt8 *sr
     return changed != 0;
 }
 
-static int modelOwe(model *m, const epicsUInt8 *shown)
+static int modelAgain(model *m, const epicsUInt8 *shown)
 {
     int i, any = 0;
 
     for (i = 0; i < SMALL; i++) {
-        epicsUInt8 owed = m->ours[i] & (shown ? shown[i] ^ m->bytes[i] : 0xFF);
+        epicsUInt8 again = m->ours[i] & (shown ? shown[i] ^ m->bytes[i] : 0xFF);
 
-        m->changed[i] |= owed;
-        any |= owed;
+        m->changed[i] |= again;
+        any |= again;
     }
     m->dirty |= any != 0;
     return any != 0;
@@ -489,7 +489,7 @@ static int randomStep(plcImage *image, model *m)
         break;
     case 4:
         wrong =
-            plcImageOwe(image, masked ? src : NULL, NULL) != modelOwe(m, masked ? src : NULL);
+            plcImagePutAgain(image, masked ? src : NULL, NULL) != modelAgain(m, masked ? src : NULL);
         break;
     case 5:
         takeChanges(image, got, gotMask);
@@ -639,7 +639,7 @@ static void bitTaker(void *arg)
         last = epicsAtomicGetIntT(&r->writersEnded) == WRITERS;
         if (round % 100 == 99) {
             memset(r->held, round & 0xFF, sizeof(r->held));
-            plcImageOwe(r->out, round % 200 == 99 ? r->held : NULL, NULL);
+            plcImagePutAgain(r->out, round % 200 == 99 ? r->held : NULL, NULL);
         }
         takeChanges(r->out, bytes, mask);
         for (i = 0; i <= WRITERS; i++)

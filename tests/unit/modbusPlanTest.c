@@ -300,7 +300,7 @@ typedef struct world {
     plcRange ranges[8];
     unsigned count;
     size_t size;
-    epicsUInt8 *glue;
+    epicsUInt8 *joined;
 } world;
 
 /* Random ranges, far from each other or close together, in the image in random order. */
@@ -343,12 +343,12 @@ static world makeWorld(int outputs, unsigned span)
             b->offset = offset;
         }
     }
-    w.glue = calloc(1, w.size);
+    w.joined = calloc(1, w.size);
     return w;
 }
 
 /* Values of 1 to `longest` bytes side by side, some bytes free. */
-static void addGlue(world *w, unsigned longest)
+static void addJoined(world *w, unsigned longest)
 {
     size_t i = 0, end;
 
@@ -357,7 +357,7 @@ static void addGlue(world *w, unsigned longest)
         if (randomBelow(4) == 0)
             end = i + 1;
         for (i++; i < end && i < w->size; i++)
-            w->glue[i] = 1;
+            w->joined[i] = 1;
     }
 }
 
@@ -395,7 +395,7 @@ static int joined(const world *w, plcTable table, unsigned period, unsigned addr
                 continue;
             last = (placeOf(a, address - 1) + (isBits(table) ? 0 : 15)) / 8;
             first = placeOf(b, address) / 8;
-            if (last == first || (last + 1 == first && w->glue[first]))
+            if (last == first || (last + 1 == first && w->joined[first]))
                 return 1;
         }
     return 0;
@@ -421,7 +421,7 @@ static unsigned fewest(const epicsUInt8 *mayCut, unsigned start, unsigned end, u
 }
 
 /* All requests of one table and period. Returns 0, or what is wrong. */
-static const char *checkTable(const world *w, int glued, plcTable table, unsigned period,
+static const char *checkTable(const world *w, int known, plcTable table, unsigned period,
                               const plcRequest *requests, unsigned made)
 {
     static epicsUInt8 wanted[worldSize + 1], got[worldSize + 1], mayCut[worldSize + 1];
@@ -434,10 +434,10 @@ static const char *checkTable(const world *w, int glued, plcTable table, unsigne
         for (j = 0; j < w->ranges[i].count; j++)
             if (w->ranges[i].table == table && w->ranges[i].period == period)
                 wanted[w->ranges[i].start + j] = 1;
-    for (i = 1; glued && i < worldSize; i++)
+    for (i = 1; known && i < worldSize; i++)
         if (wanted[i - 1] && wanted[i])
             mayCut[i] = !joined(w, table, period, i);
-    for (i = 1; glued && i < worldSize; i = j) { /* what is longer than a request is cut */
+    for (i = 1; known && i < worldSize; i = j) { /* what is longer than a request is cut */
         for (j = i; j < worldSize && !mayCut[j]; j++)
             ;
         if (j - i + 1 > max)
@@ -468,7 +468,7 @@ static const char *checkTable(const world *w, int glued, plcTable table, unsigne
     return used == needed ? NULL : "more requests than needed";
 }
 
-static void testRandomReads(int glued, unsigned longest, int rounds)
+static void testRandomReads(int known, unsigned longest, int rounds)
 {
     const char *wrong = NULL;
     unsigned largest = 0;
@@ -479,20 +479,20 @@ static void testRandomReads(int glued, unsigned longest, int rounds)
         plcRequest *requests;
         unsigned made, i;
 
-        if (glued)
-            addGlue(&w, longest);
-        made = plcPlanReads(w.ranges, w.count, glued ? w.glue : NULL, standard, &requests);
+        if (known)
+            addJoined(&w, longest);
+        made = plcPlanReads(w.ranges, w.count, known ? w.joined : NULL, standard, &requests);
         for (i = 0; i < 8 && !wrong; i++)
-            wrong = checkTable(&w, glued, (plcTable)(i % 4), 100 * (1 + i / 4), requests, made);
+            wrong = checkTable(&w, known, (plcTable)(i % 4), 100 * (1 + i / 4), requests, made);
         if (made > largest)
             largest = made;
         if (wrong)
             show(requests, made);
         free(requests);
-        free(w.glue);
+        free(w.joined);
     }
     testOk(!wrong, "%d random sets of ranges, %s%u bytes, up to %u requests%s%s", round,
-           glued ? "values up to " : "no values known, ", longest, largest, wrong ? ": " : "",
+           known ? "values up to " : "no values known, ", longest, largest, wrong ? ": " : "",
            wrong ? wrong : "");
 }
 
@@ -650,11 +650,11 @@ static void testRandomWrites(int rounds)
         plcRequest *requests;
         unsigned made, i;
         size_t k;
-        int single = round % 2, glued = round % 3;
+        int single = round % 2, known = round % 3;
 
         randomMask(mask, w.size);
-        if (glued)
-            addGlue(&w, 16);
+        if (known)
+            addJoined(&w, 16);
         for (i = 0; i < w.count; i++)
             for (k = 0; k < w.ranges[i].count; k++) {
                 size_t bit = placeOf(&w.ranges[i], w.ranges[i].start + (unsigned)k);
@@ -664,13 +664,13 @@ static void testRandomWrites(int rounds)
                 else
                     inRange[bit / 8] = inRange[bit / 8 + 1] = 0xff;
             }
-        made = plcPlanWrites(w.ranges, w.count, mask, glued ? w.glue : NULL, standard, single, &requests);
+        made = plcPlanWrites(w.ranges, w.count, mask, known ? w.joined : NULL, standard, single, &requests);
         for (i = 0; i < made && !wrong; i++)
             wrong = checkWrite(&w, &requests[i], mask, covered, single);
         for (k = 0; k < w.size && !wrong; k++)
             if (covered[k] != (mask[k] & inRange[k]))
                 wrong = "not what the mask says";
-        if (!wrong && glued && valueCut(&w, requests, made))
+        if (!wrong && known && valueCut(&w, requests, made))
             wrong = "a value is cut";
         if (made > largest)
             largest = made;
@@ -680,7 +680,7 @@ static void testRandomWrites(int rounds)
         free(mask);
         free(covered);
         free(inRange);
-        free(w.glue);
+        free(w.joined);
     }
     testOk(!wrong, "%d random masks, up to %u requests%s%s", round, largest,
            wrong ? ": " : "", wrong ? wrong : "");
@@ -689,12 +689,12 @@ static void testRandomWrites(int rounds)
 /* --- Halves ----------------------------------------------------------------------- */
 
 /* Halves down to the end. Returns the number of parts; 0: something is lost. */
-static unsigned halveAll(const world *w, int glued, const plcRequest *q, unsigned *at,
+static unsigned halveAll(const world *w, int known, const plcRequest *q, unsigned *at,
                          const char **wrong)
 {
     plcRequest halves[2];
 
-    if (plcPlanHalve(w->ranges, w->count, glued ? w->glue : NULL, q, halves)) {
+    if (plcPlanHalve(w->ranges, w->count, known ? w->joined : NULL, q, halves)) {
         unsigned first, second;
 
         if (halves[0].start != q->start || halves[0].count < 1 || halves[1].count < 1 ||
@@ -704,18 +704,18 @@ static unsigned halveAll(const world *w, int glued, const plcRequest *q, unsigne
             *wrong = "the halves are not the whole";
         if (*wrong)
             return 0;
-        if (glued && q->table == plcHolding && joined(w, q->table, 0, halves[1].start))
+        if (known && q->table == plcHolding && joined(w, q->table, 0, halves[1].start))
             *wrong = "a value is cut";
-        first = halveAll(w, glued, &halves[0], at, wrong);
-        second = halveAll(w, glued, &halves[1], at, wrong);
+        first = halveAll(w, known, &halves[0], at, wrong);
+        second = halveAll(w, known, &halves[1], at, wrong);
         return first + second;
     }
     if (q->start != *at)
         *wrong = "out of order";
     *at = q->start + q->count;
-    if (q->count > 1 && !glued)
+    if (q->count > 1 && !known)
         *wrong = "more than one register is left";
-    if (glued && q->table == plcHolding) {
+    if (known && q->table == plcHolding) {
         unsigned i;
 
         for (i = q->start + 1; i < q->start + q->count; i++)
@@ -734,14 +734,14 @@ static void testHalves(int rounds)
         world w = makeWorld(1, worldSize);
         const plcRange *r = &w.ranges[randomBelow(w.count)];
         plcRequest q = {r->table == plcCoils ? 15 : 16, r->table, r->start, r->count, 0, 0};
-        unsigned at = r->start, glued = round % 2;
+        unsigned at = r->start, known = round % 2;
 
-        if (glued)
-            addGlue(&w, 12);
-        halveAll(&w, glued, &q, &at, &wrong);
+        if (known)
+            addJoined(&w, 12);
+        halveAll(&w, known, &q, &at, &wrong);
         if (!wrong && at != r->start + r->count)
             wrong = "a part is lost";
-        free(w.glue);
+        free(w.joined);
     }
     testOk(!wrong, "%d writes halved down to single values%s%s", round, wrong ? ": " : "",
            wrong ? wrong : "");

@@ -471,7 +471,7 @@ static SOCKET connectTo(plc *p)
     return s;
 }
 
-static void start(world *w, const epicsUInt8 *glueIn, const epicsUInt8 *glueOut)
+static void start(world *w, const epicsUInt8 *joinedIn, const epicsUInt8 *joinedOut)
 {
     memset(&w->all, 0, sizeof(w->all));
     w->log[0] = 0;
@@ -482,7 +482,7 @@ static void start(world *w, const epicsUInt8 *glueIn, const epicsUInt8 *glueOut)
     plcImageForget(w->out);
     plcImageAway(w->out, 0);
     w->socket = connectTo(w->plc);
-    plcModbusStart(w->modbus, w->socket, glueIn, glueOut);
+    plcModbusStart(w->modbus, w->socket, joinedIn, joinedOut);
 }
 
 /* Takes the news, adds them up. */
@@ -827,12 +827,12 @@ static void testBisect(void)
 {
     plc *p = plcCreate();
     world *w = worldCreate(p, "", "holding 0 100, coils 0 50", 1);
-    epicsUInt8 glue[213] = {0};
+    epicsUInt8 joined[213] = {0};
     unsigned i, good;
     int faulty;
 
-    glue[81] = glue[82] = glue[83] = 1; /* registers 40 and 41 are one value */
-    start(w, NULL, glue);
+    joined[81] = joined[82] = joined[83] = 1; /* registers 40 and 41 are one value */
+    start(w, NULL, joined);
     UNTIL(w, w->all.shown);
     {
         plcRule rules[] = {
@@ -1234,19 +1234,19 @@ static void testDestroy(void)
 
 /* --- Values that come to be known later ---------------------------------------------- */
 
-static void testNewGlue(void)
+static void testNewJoined(void)
 {
     plc *p = plcCreate();
     world *w = worldCreate(p, "holding 0 130 every 5", "", 1);
-    epicsUInt8 glue[260] = {0};
+    epicsUInt8 joined[260] = {0};
     static const plcSeen whole = {3, 0, 124}, rest = {3, 124, 6};
     unsigned i, n = 0;
 
     start(w, NULL, NULL);
     UNTIL(w, w->all.blocks);
     testOk(plcAsked(p, 3, 124) && plcLog(p, 0).count == 125, "125 registers at once");
-    memset(glue + 249, 1, 3); /* registers 124 and 125 */
-    plcModbusGlue(w->modbus, glue, NULL);
+    memset(joined + 249, 1, 3); /* registers 124 and 125 */
+    plcModbusJoined(w->modbus, joined, NULL);
     UNTIL(w, isSame(plcLog(p, plcLogged(p) - 1), rest));
     plcForget(p);
     UNTIL(w, plcLogged(p) >= 20);
@@ -1506,7 +1506,7 @@ MAIN(modbusTest)
     testOldOrders();
     testDestroy();
     testBusy();
-    testNewGlue();
+    testNewJoined();
     testRest();
     testOrderInRest();
     testNoThread();

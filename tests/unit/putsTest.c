@@ -155,13 +155,13 @@ static void reconnect(void)
     plcPutsBits(p, mask);
     testOk(!memcmp(mask, "\0\xff\0\xff\0\0\0\0", size), "which bits wait is known");
     plcPutsAway(p, 0);
-    testOk(plcPutsOwe(p, "abcdefgh", "\xff\xff\0\0\0\0\0\xff") == 1,
-           "what the PLC has lost is owed");
+    testOk(plcPutsAhead(p, "abcdefgh", "\xff\xff\0\0\0\0\0\xff") == 1,
+           "what the PLC has lost is put again");
     testOk(!strcmp(next(p, neighbours, &end), "a......h"),
            "it leaves first, but for what was put since");
     testOk(!strcmp(next(p, neighbours, &end), "...C...."), "then what was put");
     testOk(!strcmp(next(p, neighbours, &end), ".D......"), "in its order");
-    testOk(plcPutsOwe(p, "abcdefgh", "\0\0\0\0\0\0\0\0") == 0, "nothing is owed");
+    testOk(plcPutsAhead(p, "abcdefgh", "\0\0\0\0\0\0\0\0") == 0, "nothing is put again");
     plcPutsDestroy(p);
 }
 

@@ -88,7 +88,7 @@ static void destroy(probe *p)
 typedef struct place {
     probe *p;
     size_t offset, length;
-    int stranger; /* the scan knows not the record but only its PRIO */
+    int isOther; /* the scan knows not the record but only its PRIO */
 } place;
 
 #define OWN 100 /* records of scan "own" */
@@ -116,7 +116,7 @@ static long initRecord(dbCommon *common)
             : strcmp(name, "large") == 0 ? &large
             : strcmp(name, "any") == 0   ? &any
                                          : &range;
-    at->stranger = !strcmp(common->name, "all:low2") || !strcmp(common->name, "r:4b");
+    at->isOther = !strcmp(common->name, "all:low2") || !strcmp(common->name, "r:4b");
     at->offset = offset;
     at->length = length;
     prec->dpvt = at;
@@ -129,7 +129,7 @@ static long getIoIntInfo(int cmd, dbCommon *prec, IOSCANPVT *list)
 
     if (at->p == &any)
         *list = plcScanJoin(at->p->scan, 0, BLOCK, PLC_SCAN_ANY_PRIO, 0);
-    else if (at->stranger)
+    else if (at->isOther)
         *list = plcScanJoin(at->p->scan, at->offset, at->length, prec->prio, cmd);
     else
         *list = plcScanRecord(at->p->scan, at->offset, at->length, prec, cmd);

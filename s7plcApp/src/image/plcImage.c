@@ -563,49 +563,49 @@ epicsUInt64 plcImagePutsThrough(plcImage *image, epicsUInt64 *dropped)
     return through;
 }
 
-/* Where the value that begins at byte i ends: whole registers, and what is glued. */
-static size_t valueEnd(const plcImage *image, const epicsUInt8 *glue, size_t i)
+/* Where the value that begins at byte i ends: whole registers, and what is joined to it. */
+static size_t valueEnd(const plcImage *image, const epicsUInt8 *joined, size_t i)
 {
-    for (i++; glue && i < image->size && (glue[i] || i % 2); i++)
+    for (i++; joined && i < image->size && (joined[i] || i % 2); i++)
         ;
     return i;
 }
 
-/* Sets in `owed` what differs in bytes first to end - 1, one value. Returns 1 when something
+/* Sets in `again` what differs in bytes first to end - 1, one value. Returns 1 when something
  * does. The lock is held. */
-static int owe(plcImage *image, const epicsUInt8 *shown, size_t first, size_t end,
-               epicsUInt8 *owed)
+static int markAgain(plcImage *image, const epicsUInt8 *shown, size_t first, size_t end,
+                     epicsUInt8 *again)
 {
     const epicsUInt8 *now = bytesOf(image);
     int any = 0, whole = end - first > 1;
     size_t i;
 
     for (i = first; i < end; i++) {
-        owed[i] = (epicsUInt8)(image->ours[i] & (shown ? now[i] ^ shown[i] : 0xFF));
-        any |= owed[i];
+        again[i] = (epicsUInt8)(image->ours[i] & (shown ? now[i] ^ shown[i] : 0xFF));
+        any |= again[i];
         whole &= image->ours[i] == 0xFF;
     }
     if (any && whole)
-        memset(owed + first, 0xFF, end - first);
+        memset(again + first, 0xFF, end - first);
     return any != 0;
 }
 
-int plcImageOwe(plcImage *image, const void *shown, const epicsUInt8 *glue)
+int plcImagePutAgain(plcImage *image, const void *shown, const epicsUInt8 *joined)
 {
-    epicsUInt8 *owed = callocMustSucceed(image->size + 1, 1, "plcImageOwe");
+    epicsUInt8 *again = callocMustSucceed(image->size + 1, 1, "plcImagePutAgain");
     int any = 0;
     size_t i, end;
 
     epicsMutexMustLock(image->lock);
     for (i = 0; image->puts && i < image->size; i = end) {
-        end = valueEnd(image, glue, i);
-        any |= owe(image, shown, i, end, owed);
+        end = valueEnd(image, joined, i);
+        any |= markAgain(image, shown, i, end, again);
     }
     if (any)
-        plcPutsOwe(image->puts, bytesOf(image), owed);
+        plcPutsAhead(image->puts, bytesOf(image), again);
     if (any)
         setDirty(image, 1);
     epicsMutexUnlock(image->lock);
-    free(owed);
+    free(again);
     return any;
 }

@@ -129,12 +129,12 @@ epicsUInt64 plcImagePutsThrough(plcImage *image, epicsUInt64 *dropped);
 /* A new connection, where the PLC shows that it holds `shown` (as large as the image; NULL:
  * it does not show it): every bit that was ever written, differs and does not wait is put
  * before all that waits.
- * glue (may be NULL) has a byte per byte of the image, not 0: it belongs to the same value as
- * the byte before it. A value that was written whole is owed whole, as are the two bytes of a
+ * joined (may be NULL) has a byte per byte of the image, not 0: it belongs to the same value as
+ * the byte before it. A value that was written whole is put again whole, as are the two bytes of a
  * register, so that it leaves as it was put.
  * Places that plcImageSet has set since are not ours any more, and do not count.
  * Returns 1 when a bit that was ever written differs, else 0. The image is dirty then. */
-int plcImageOwe(plcImage *image, const void *shown, const epicsUInt8 *glue);
+int plcImagePutAgain(plcImage *image, const void *shown, const epicsUInt8 *joined);
 
 /* What was written since plcImageTake is no reason to send any more. Bits that were ever
  * written stay remembered. */

@@ -206,7 +206,7 @@ void plcPutsVoidAll(plcPuts *p)
     memset(p->newest, 0, p->size * sizeof(*p->newest));
 }
 
-int plcPutsOwe(plcPuts *p, const void *image, const void *mask)
+int plcPutsAhead(plcPuts *p, const void *image, const void *mask)
 {
     const epicsUInt8 *bits = mask;
     plcPut all = {0, p->size, image, mask};
@@ -217,7 +217,7 @@ int plcPutsOwe(plcPuts *p, const void *image, const void *mask)
 
     if (p->size == 0)
         return 0;
-    waiting = callocMustSucceed(1, p->size, "plcPutsOwe");
+    waiting = callocMustSucceed(1, p->size, "plcPutsAhead");
     plcPutsBits(p, waiting);
     e = entryOf(&all, 1, 0);
     for (i = 0; i < p->size; i++)

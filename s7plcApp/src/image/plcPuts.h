@@ -45,7 +45,7 @@ void plcPutsVoidAll(plcPuts *puts);
 
 /* Before all that waits: the bits of image that are set in mask (both as large as the image)
  * and in no put that waits. Returns 1 when there were any. */
-int plcPutsOwe(plcPuts *puts, const void *image, const void *mask);
+int plcPutsAhead(plcPuts *puts, const void *image, const void *mask);
 
 /* Takes what may leave together, from the front: the first put, and the next ones as long as
  * joins() says so for each (NULL: only the first); never one that changes a bit that is taken

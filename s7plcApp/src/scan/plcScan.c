@@ -204,7 +204,7 @@ static int isPriority(int prio)
 }
 
 /* Records whose priority is not known: passes go through all of them. Lock held. */
-static void joinAnyPrio(plcScan *scan, strangers *others)
+static void joinAnyPrio(plcScan *scan, otherRecords *others)
 {
     int prio;
 

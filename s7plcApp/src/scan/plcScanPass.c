@@ -74,12 +74,12 @@ void plcScanAddNewcomer(newcomers *n, dbCommon *prec, group *g)
 /* Makes the newcomers that wait those of the pass. Returns their priorities. */
 static unsigned beginNewcomers(plcScan *scan)
 {
-    newcomers spare = scan->newRunning;
+    newcomers empty = scan->newRunning;
     unsigned prios = 0;
     size_t i;
 
     scan->newRunning = scan->newPending;
-    scan->newPending = spare;
+    scan->newPending = empty;
     scan->newPending.count = 0;
     for (i = 0; i < scan->newRunning.count; i++) {
         const newcomer *n = &scan->newRunning.list[i];
@@ -95,13 +95,13 @@ static unsigned beginNewcomers(plcScan *scan)
  * concerned, then no pass runs. Lock held; no pass runs. */
 PLC_HOT unsigned plcScanBegin(plcScan *scan)
 {
-    group **spare = scan->running;
+    group **empty = scan->running;
     unsigned prios;
     size_t i;
 
     scan->running = scan->pending;
     scan->numRunning = scan->numPending;
-    scan->pending = spare;
+    scan->pending = empty;
     scan->numPending = 0;
     scan->allRunning = inUse(scan->count, scan->allPending);
     scan->allPending = 0;
@@ -141,7 +141,7 @@ static void again(void *pvt);
 /* No lock is held. */
 PLC_COLD static void askAgain(plcScan *scan)
 {
-    epicsTimerId mine, spare = NULL;
+    epicsTimerId mine, surplus = NULL;
 
     epicsThreadOnce(&timersOnce, startTimers, NULL);
     epicsMutexMustLock(scan->lock);
@@ -151,14 +151,14 @@ PLC_COLD static void askAgain(plcScan *scan)
         mine = epicsTimerQueueCreateTimer(timers, again, scan);
         epicsMutexMustLock(scan->lock);
         if (scan->again) { /* of another priority, just now */
-            spare = mine;
+            surplus = mine;
             mine = scan->again;
         }
         scan->again = mine;
         epicsMutexUnlock(scan->lock);
     }
-    if (spare)
-        epicsTimerQueueDestroyTimer(timers, spare);
+    if (surplus)
+        epicsTimerQueueDestroyTimer(timers, surplus);
     epicsTimerStartDelay(mine, AGAIN_S);
 }
 

@@ -24,11 +24,11 @@
 #endif
 
 /* Records of others, in a list of Base's: plcScanJoin. */
-typedef struct strangers {
+typedef struct otherRecords {
     IOSCANPVT list;
     unsigned count[NUM_CALLBACK_PRIORITIES];
     int anyPrio; /* there are some of which not even the priority is known */
-} strangers;
+} otherRecords;
 
 /* Records that read the same bytes. Our own ones stand in `records` by priority, then by
  * PHAS, then as they came. */
@@ -41,7 +41,7 @@ typedef struct group {
     epicsUInt32 count[NUM_CALLBACK_PRIORITIES]; /* of `records` */
     epicsUInt8 pending; /* priorities that wait; not 0: is in scan->pending */
     epicsUInt8 running; /* priorities of the running pass */
-    strangers *others;  /* NULL: none yet */
+    otherRecords *others; /* NULL: none yet */
 } group;
 
 /* An entry of the index: says whether a group is touched, without looking at the group. */

@@ -250,7 +250,7 @@ static void forgetFaults(plcStation *s, const char *shown)
 }
 
 /* The outputs as the PLC holds them, on a new connection: outputs with a read-back
- * take them, and what else the IOC has written is owed where it differs. */
+ * take them, and what else the IOC has written is put again where it differs. */
 static void outputsTake(plcStation *s, const char *shown)
 {
     epicsUInt8 *whole = wholeValues(s, 1);
@@ -263,7 +263,7 @@ static void outputsTake(plcStation *s, const char *shown)
     }
     answered(s);
     plcImageAway(s->out, 0);
-    plcImageOwe(s->out, shown, whole);
+    plcImagePutAgain(s->out, shown, whole);
     free(whole);
     s->dirtySince = 0;
     epicsAtomicIncrIntT(&s->takes);
@@ -392,7 +392,7 @@ void plcExchangeOutputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     forced = epicsAtomicGetIntT(&s->sendNow);
     if (forced) {
         epicsAtomicSetIntT(&s->sendNow, 0);
-        plcImageOwe(s->out, NULL, NULL);
+        plcImagePutAgain(s->out, NULL, NULL);
     }
     if (!plcImageDirty(s->out))
         return;

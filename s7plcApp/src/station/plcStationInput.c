@@ -333,7 +333,7 @@ static void takeShown(plcStation *s, const void *block)
         return;
     takeReadback(s, block);
     if (s->shows)
-        plcImageOwe(s->out, NULL, NULL);
+        plcImagePutAgain(s->out, NULL, NULL);
 }
 
 /* Places of records that joined later, whose link is new: they begin with the PLC's value. */

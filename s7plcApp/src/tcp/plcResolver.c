@@ -64,7 +64,7 @@ static void lookUp(void *arg)
     struct addrinfo hints = {.ai_family = AF_INET, .ai_socktype = SOCK_STREAM};
     struct addrinfo *found = NULL;
     int status = getaddrinfo(r->host, NULL, &hints, &found);
-    int orphan;
+    int unwanted;
 
     epicsMutexMustLock(r->lock);
     if (status == 0)
@@ -72,14 +72,14 @@ static void lookUp(void *arg)
     else
         epicsSnprintf(r->error, sizeof(r->error), "no address for host \"%s\"", r->host);
     r->running = 0;
-    orphan = !r->wake;
+    unwanted = !r->wake;
     /* Called with the lock held, so that the owner cannot go away meanwhile. */
-    if (!orphan)
+    if (!unwanted)
         r->wake(r->arg);
     epicsMutexUnlock(r->lock);
     if (found)
         freeaddrinfo(found);
-    if (orphan)
+    if (unwanted)
         destroy(r);
 }
 
