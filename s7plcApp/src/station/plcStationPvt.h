@@ -1,14 +1,18 @@
 /* Inside of a station; only for plcStation*.c.
  *
- * Locking. Each lock is held for a copy or a look at a list; never across a system call, errlog,
- * a scan request, or the processing of a record. In the order in which they may be taken:
+ * Locking. Each lock is held for a copy or a look at a list; never across errlog, a scan request or
+ * the processing of a record, nor across a system call but for those named here. In the order in
+ * which they may be taken:
  *   a) the record lock (Base), by whoever processes a record or puts to it
- *   b) listLock (plcStation.c): the list of PLCs, and how far the IOC is
- *   c) `lock` of a station: options, counters, addresses, reasons, whether puts are refused
- *   d) one of these, alone: the lock of an image (its puts are under it, too), of its faults, of
- *      a scan list; the lists of the records' own files (devS7plcFollow and others); the
- *      mailbox of a transport. Only the lock of a table of read-backs is held while the one of
- *      the output image is taken: a put and its note go together.
+ *   b) listLock (plcStation.c): the list of PLCs, and how far the IOC is. Threads are started under
+ *      it, and when an IOC has ended its stations are freed, after their threads have
+ *   c) that of an asyn port: its places and who is called back
+ *   d) `lists.lock`: which records follow, wait, are silent
+ *   e) `lock` of a station: options, counters, addresses, reasons, whether puts are refused
+ *   f) one of a table of read-backs: a put and its note go together
+ *   g) the mailbox of a worker, and what else it has; it closes sockets under it
+ *   h) one of these, alone: of an image (its puts are under it, too), of faults, of a scan list, of
+ *      the owners of bytes; of a resolver, which wakes the thread under it (a byte into a pipe)
  * Without a lock: what the thread owns (lines, timers, leader), which no other thread touches;
  * words between threads, which are EPICS atomics; reading the input image (plcImage.h).
  */
