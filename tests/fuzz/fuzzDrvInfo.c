@@ -22,7 +22,7 @@ static plcStation *station(void)
     plcStationConfig config = {.name = "P", .address = {"", ""}, .inSize = inSize,
                                .outSize = outSize, .bigEndian = 1, .recvTimeout = 1000,
                                .sendInterval = 100, .policy = &plcSingle,
-                               .reader = &plcBlocks};
+                               .transport = &plcBlocks};
 
     if (!one)
         one = plcStationCreate(&config);
