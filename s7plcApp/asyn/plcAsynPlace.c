@@ -31,7 +31,7 @@ static const struct {
     [plcAsynInt64] = {{"asynInt64", plcInteger, 8, ONE_VALUE, "INT16"}, 0},
     [plcAsynUInt32Digital] = {{"asynUInt32Digital", plcInteger, 4, ONE_BIT, "INT16"}, 0},
     [plcAsynFloat64] = {{"asynFloat64", NUMBERS, 8, ONE_VALUE, "INT16"}, 0},
-    [plcAsynOctet] = {{"asynOctet", plcString, 1, plcHasL | plcHasR, "STRING"}, 1},
+    [plcAsynOctet] = {{"asynOctet", plcText, 1, plcHasL | plcHasR, "STRING"}, 1},
     [plcAsynInt8Array] = {{"asynInt8Array", BYTES, 1, MANY_VALUES, "INT8"}, 1},
     [plcAsynInt16Array] = {{"asynInt16Array", plcInteger, 2, MANY_VALUES, "INT16"}, 2},
     [plcAsynInt32Array] = {{"asynInt32Array", plcInteger, 4, MANY_VALUES, "INT32"}, 4},
@@ -253,7 +253,9 @@ static int resolve(plcAsynView *view, plcLinkError *doubt, char *error, size_t s
     view->clips = (place->link.has & (plcHasL | plcHasH)) != 0;
     view->bit = place->link.has & plcHasB ? (int)link.bit : -1;
     view->order = plcLinkOrder(&link, plcStationOrder(place->station));
-    if (faces[view->face].element && measureArray(view, &place->link, error, size))
+    if (link.type->kind == plcS7String) /* as long as the PLC has it */
+        view->length = (size_t)link.low + PLC_S7STRING_HEAD;
+    else if (faces[view->face].element && measureArray(view, &place->link, error, size))
         return -1;
     if (checkPlace(view->offset, view->length ? view->length : view->type->size, blockSize(place),
                    place->output ? "out" : "in", error, size))
@@ -333,12 +335,12 @@ double plcAsynGetReal(const plcAsynView *view, const void *bytes)
 size_t plcAsynGetText(const plcAsynView *view, const void *bytes, size_t length,
                       char *text, size_t size)
 {
-    size_t max = length < size ? length : size;
-    const char *nul = memchr(bytes, 0, max);
-    size_t count = nul ? (size_t)(nul - (const char *)bytes) : max;
+    size_t count;
+    const char *from = plcGetText(view->type, bytes, length, &count);
 
-    (void)view;
-    memcpy(text, bytes, count);
+    if (count > size)
+        count = size;
+    memcpy(text, from, count);
     if (count < size)
         text[count] = 0;
     return count;
@@ -413,10 +415,7 @@ int plcAsynPutReal(const plcAsynView *view, double value, void *bytes, char *err
 
 void plcAsynPutText(const plcAsynView *view, const char *text, size_t length, void *bytes)
 {
-    if (length > view->length)
-        length = view->length;
-    memcpy(bytes, text, length);
-    memset((char *)bytes + length, 0, view->length - length);
+    plcPutText(view->type, bytes, view->length, text, length);
 }
 
 void plcAsynPutArray(const plcAsynView *view, const void *values, void *bytes, size_t n)

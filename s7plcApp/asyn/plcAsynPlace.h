@@ -96,8 +96,8 @@ epicsInt64 plcAsynGetInt(const plcAsynView *view, const void *bytes);
 /* The same as a floating point number, for any numeric type. */
 double plcAsynGetReal(const plcAsynView *view, const void *bytes);
 
-/* Characters up to the first NUL, at most `size`, into text. Returns their number; a NUL
- * follows them where there is room. */
+/* Characters up to the first NUL, or of an S7STRING as many as it says, at most `size`, into
+ * text. Returns their number; a NUL follows them where there is room. */
 size_t plcAsynGetText(const plcAsynView *view, const void *bytes, size_t length,
                       char *text, size_t size);
 
@@ -111,7 +111,7 @@ int plcAsynPutInt(const plcAsynView *view, epicsInt64 value, void *bytes, char *
 int plcAsynPutReal(const plcAsynView *view, double value, void *bytes, char *error,
                    size_t size);
 
-/* Cut off, or filled up with NULs, to view->length bytes. */
+/* Cut off, or filled up with NULs, to view->length bytes; an S7STRING with its head. */
 void plcAsynPutText(const plcAsynView *view, const char *text, size_t length,
                     void *bytes);
 void plcAsynPutArray(const plcAsynView *view, const void *values, void *bytes, size_t n);

@@ -64,6 +64,7 @@ INPUTS = [
     ("floatu32", "ai", "4 T=UINT32", "asynFloat64", dict()),
     # asyn's strings have the block's time only with a FIFO
     ("string", "stringin", "24 T=STRING L=8", "asynOctetRead", dict(info_asyn_FIFO="2")),
+    ("s7string", "stringin", "32 T=S7STRING L=6", "asynOctetRead", dict(info_asyn_FIFO="2")),
     ("chars", "waveform", "24 T=STRING L=8", "asynInt8ArrayIn", dict(FTVL="CHAR", NELM="8")),
     ("bcd", "waveform", "2 T=TIME", "asynInt8ArrayIn", dict(FTVL="UCHAR", NELM="2")),
     ("array8", "waveform", "0 T=INT8", "asynInt8ArrayIn", dict(FTVL="CHAR", NELM="16")),
@@ -103,7 +104,8 @@ def input_records():
     return db
 
 
-BLOCK = struct.pack(">hBBifxxxxd8s", -1234, 0x95, 0x6A, -70000, 2.5, 1e10, b"plc\0junk")
+BLOCK = struct.pack(">hBBifxxxxd8s8s", -1234, 0x95, 0x6A, -70000, 2.5, 1e10, b"plc\0junk",
+                    b"\x06\x02S7junk")
 
 
 def pairs_equal(ioc):
@@ -113,7 +115,7 @@ def pairs_equal(ioc):
 
 def test_inputs(new_peer, new_asyn):
     """every interface reads what DTYP "S7plc" reads, with the block's time"""
-    peer = new_peer(32, 0)
+    peer = new_peer(40, 0)
     ioc = new_asyn(peer.configure(recv_timeout=60000), input_records())
     peer.wait_connected()
     peer.send(BLOCK)
@@ -145,6 +147,8 @@ OUTPUTS = [  # name, record type, link text, asyn DTYP, fields, value, bytes at 
     ("round", "ao", "32 T=INT16 H=100", "asynFloat64", dict(), 99.6, "0064"),
     ("clip", "ao", "34 T=INT16 H=100", "asynFloat64", dict(), 1e6, "0064"),
     ("string", "stringout", "36 T=STRING L=6", "asynOctetWrite", dict(), "hello", "68656c6c6f00"),
+    ("s7string", "stringout", "88 T=S7STRING L=6", "asynOctetWrite", dict(), "bread",
+     "0605627265616400"),
     ("array8", "aao", "44", "asynInt8ArrayOut", dict(FTVL="CHAR", NELM="3"), [1, 2, -3], "0102fd"),
     ("array16", "aao", "48", "asynInt16ArrayOut", dict(FTVL="SHORT", NELM="2"), [1, -2],
      "0001fffe"),
@@ -233,7 +237,11 @@ BAD = [  # what is wrong, drvInfo, record type, DTYP, the message
     ("a type too wide", "0 T=INT64", "longin", "asynInt32",
      "T=INT64 does not fit asynInt32; allowed: INT8 UINT8 INT16 UINT16 INT32 UINT32"),
     ("a number as a string", "0 T=INT16", "stringin", "asynOctetRead",
-     "T=INT16 does not fit asynOctet; allowed: STRING"),
+     "T=INT16 does not fit asynOctet; allowed: STRING S7STRING"),
+    ("an S7STRING that is too long", "0 T=S7STRING L=255", "stringin", "asynOctetRead",
+     "L=255: an S7STRING has 1 to 254 characters"),
+    ("an S7STRING beyond the block", "0 T=S7STRING L=15", "stringin", "asynOctetRead",
+     "0 + 17 bytes exceed the input block; inSize is 16"),
     ("a string without characters", "0 T=STRING L=0", "stringin", "asynOctetRead",
      "L=0; allowed for asynOctet: 1 element or more"),
     ("an array without room for one element", "15", "waveform", "asynInt16ArrayIn",
@@ -351,7 +359,7 @@ def test_wrong_use(new_peer, new_asyn):
 # --- loss, alarms, connection --------------------------------------------------------------------
 def test_loss(new_peer, new_asyn):
     """when data is lost inputs turn COMM/INVALID at once, and are told again when it is back"""
-    peer = new_peer(32, 0)
+    peer = new_peer(40, 0)
     ioc = new_asyn(peer.configure(recv_timeout=60000), input_records())
     peer.wait_connected()
     peer.send(BLOCK)
