@@ -302,3 +302,15 @@ def test_setpoint_beside_an_input(tmp_path):
     assert [line.split(" <-")[0].split(None, 1) for line in shown if line] == [
         ["ptr", "P#DB10.DBX0.0 BYTE 4"], ["ptr", "P#DB10.DBX6.0 BYTE 2"],
         ["explicit", "DB10.DBX4.0"]]
+
+
+@pytest.mark.parametrize("via, moved", [
+    ("", [["ptr", "P#DB10.DBX0.0 BYTE 4"], ["ptr", "P#DB10.DBX6.0 BYTE 2"], ["explicit", "DB10.DBX4.0"]]),
+    ("ptr", [["ptr", "P#DB10.DBX0.0 BYTE 8"]])])
+def test_bits_of_nobody(tmp_path, via, moved):
+    """readback, via "{via}": bits and bytes that no row has move to the PLC only where via says so"""
+    rows = MIRRORED[:2] + [{"symbol": "Mode", "plc": "DB10.DBW6", "type": "INT", "dir": "out",
+                            "pv": "Mode"}]
+    folder = mirrored(tmp_path, [{**r, "via": via} for r in rows])
+    shown = plcmap("show", folder).out.split("transfers IOC to PLC\n")[1].splitlines()
+    assert [line.split(" <-")[0].split(None, 1) for line in shown if line] == moved

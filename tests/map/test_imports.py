@@ -349,6 +349,21 @@ def test_refused(tmp_path, title, data, text):
     assert result.status == 1 and text in result.err, result.err
 
 
+WORDS = [(["--columns", "nix"], "nix: No such file"), (["--select", "["], '"[" means none of the 2 symbols'),
+         (["--select", "DB99.*"], "such as Start I0.0; allowed: * ? [abc]"),
+         (["--pv", "s///"], '--pv "s///"; allowed: none, or such as'),
+         (["--pv", "s/a/b/x"], "allowed: none, or such as"), (["--pv", "s/(/b/"], "unterminated"),
+         (["--db", "x"], '--db "x"; allowed: such as Tank=10'), (["--db", "x=0"], "allowed: such as Tank=10")]
+
+
+@pytest.mark.parametrize("words, text", WORDS, ids=[" ".join(w[0]) for w in WORDS])
+def test_wrong_words(tmp_path, words, text):
+    """{id} is refused with what is allowed, and nothing is written"""
+    _, result = imported(tmp_path, forms.FORMS["asc"], *words)
+    assert result.status == 1 and text in result.err, result.err
+    assert not (tmp_path / "into").exists()
+
+
 def test_no_file(tmp_path):
     """a file that is not there is told"""
     assert "No such file" in plcmap("import", tmp_path / "none").err

@@ -328,6 +328,23 @@ def test_tag(tmp_path, title, rows, place, text):
     assert [l for l in result.lines if "map.csv:" + place in l and text in l], result.err
 
 
+@pytest.mark.parametrize("command", ["check", "place", "show"])
+def test_no_map(tmp_path, command):
+    """{command} of a file that is no map names the file and what is one"""
+    (tmp_path / "list.txt").write_text("x")
+    result = plcmap(command, tmp_path / "list.txt")
+    assert result.status == 1 and "list.txt: is no map; allowed: a folder with map.csv" in result.err
+
+
+def test_nowhere(tank, tmp_path):
+    """A target in which nothing can be written is told"""
+    (tmp_path / "file").write_text("")
+    for words in (["convert", tank, tmp_path / "file" / "x"], ["convert", tank, tmp_path / "file" / "x.xlsx"],
+                  ["generate", tank, "-o", tmp_path / "file" / "x"]):
+        result = plcmap(*words)
+        assert result.status == 1 and "Not a directory" in result.err, result.err
+
+
 def test_count():
     """At least 60 kinds are told, each by another line"""
     assert len({m[3] for m in MISTAKES}) >= 60

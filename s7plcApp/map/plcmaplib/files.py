@@ -17,6 +17,8 @@ def load_sheets(path, report, encoding=None):
         sheets = read_sheets(path, columns.SHEETS, report)
     else:
         if os.path.isfile(path):
+            if os.path.basename(path) not in [n + ".csv" for n in columns.SHEETS]:
+                raise Refused("is no map; allowed: a folder with map.csv, or an .xlsx", Place(path))
             path = os.path.dirname(path) or "."
         if not os.path.isdir(path):
             raise Refused("no such folder or .xlsx", Place(path))
@@ -50,7 +52,10 @@ def save(map_, path=None):
         return [path]
     if os.path.isfile(path):
         path = os.path.dirname(path) or "."
-    os.makedirs(path, exist_ok=True)
+    try:
+        os.makedirs(path, exist_ok=True)
+    except OSError as e:
+        raise Refused(e.strerror or str(e), Place(path)) from None
     written = []
     for sheet in sheets:
         file = os.path.join(path, sheet.name + ".csv")

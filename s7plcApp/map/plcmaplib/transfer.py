@@ -13,14 +13,16 @@ MAX_ROW = 1024  # bytes of a pointer row
 
 
 class Span:
-    """A pointer row: bytes of PLC memory at `memory`, of the block at `offset`."""
-    __slots__ = ("memory", "offset", "length", "names")
+    """A pointer row: bytes of PLC memory at `memory`, of the block at `offset`. wide: it may take a
+    byte between two values along."""
+    __slots__ = ("memory", "offset", "length", "names", "wide")
 
-    def __init__(self, memory, offset, length, names):
+    def __init__(self, memory, offset, length, names, wide=False):
         self.memory = memory
         self.offset = offset
         self.length = length
         self.names = names
+        self.wide = wide
 
 
 class Explicit:
@@ -100,8 +102,8 @@ def method(map_, leaf, side, bits):
         source, mask = bits[getattr(leaf, side)[0]]
         if source is None:
             return "explicit"
-        if side == "rx" and mask != 0xFF and map_.number("readback") is None:
-            return "explicit"
+        if side == "rx" and mask != 0xFF and not map_.on("download"):
+            return "explicit"  # the other bits are somebody's
     return "ptr"
 
 
@@ -119,7 +121,8 @@ def transfers(map_, side):
         if set(ways) == {"ptr"} and _whole(item) and len({l.dir for l in group}) == 1 and \
                 (side == "tx" or map_.number("readback") is not None):
             at = getattr(item, side)[0]
-            spans.append(Span(item.address.plus(0), at, map_.size_of(item.type), [item.symbol]))
+            spans.append(Span(item.address.plus(0), at, map_.size_of(item.type), [item.symbol],
+                              _wide(map_, item, side)))
             continue
         for leaf, way in zip(group, ways):
             byte, bit = getattr(leaf, side)
@@ -128,10 +131,18 @@ def transfers(map_, side):
             elif way == "explicit":
                 found.explicit.append(Explicit(leaf, byte, bit, leaf.size()))
             else:
-                spans.append(Span(leaf.address.plus(0), byte, leaf.size(), [leaf.symbol]))
+                spans.append(Span(leaf.address.plus(0), byte, leaf.size(), [leaf.symbol],
+                                  _wide(map_, item, side)))
     found.spans = _joined(map_, spans, side)
     found.explicit.sort(key=lambda e: (e.offset, e.bit or 0))
     return found
+
+
+def _wide(map_, item, side):
+    """May a pointer row move a byte beside this row's that no row has? To the IOC always; to the
+    PLC where it comes back as it was shown, and via says ptr or there is no other way."""
+    return side == "tx" or (map_.number("readback") is not None and
+                            (item.via == "ptr" or map_.on("download")))
 
 
 def owned(map_, side):
@@ -144,9 +155,8 @@ def owned(map_, side):
 
 def _joined(map_, spans, side):
     """Neighbours of equal distance as one row, over a single byte that nobody has, too, where
-    that byte cannot hurt: towards the IOC, or where all bytes are read back and it is no input."""
+    both are wide and it is no input."""
     taken = owned(map_, side)
-    fills = side == "tx" or map_.number("readback") is not None
     foreign = inputs(map_) if side == "rx" else ()
     out = []
     for span in sorted(spans, key=lambda s: (s.memory.area, s.memory.db, s.memory.byte, s.offset)):
@@ -158,12 +168,13 @@ def _joined(map_, spans, side):
                 last.names += span.names  # another bit of the same byte
                 continue
             memory = (last.memory.area, last.memory.db, last.memory.byte + last.length)
-            if gap == 0 or (gap == 1 and fills and last.offset + last.length not in taken and
+            if gap == 0 or (gap == 1 and last.wide and span.wide and last.offset + last.length not in taken and
                             memory not in foreign):
                 last.length = span.offset + span.length - last.offset
                 last.names += span.names
+                last.wide = span.wide
                 continue
-        out.append(Span(span.memory, span.offset, span.length, list(span.names)))
+        out.append(Span(span.memory, span.offset, span.length, list(span.names), span.wide))
     return _cut(out)
 
 

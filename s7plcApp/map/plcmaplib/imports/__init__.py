@@ -115,6 +115,8 @@ def _one_number(args):
 def run_import(args, report):
     """Lines that say what was done."""
     lines, sources = [], []
+    if args.columns:
+        _description(args)  # refused before anything else
     for path in args.files:
         source = read_file(path, args, report)
         sources.append(source)
@@ -122,7 +124,7 @@ def run_import(args, report):
             path, source.form, len(source.items), len(source.types),
             ", %d rows are no memory" % source.left_out if source.left_out else ""))
     rows, types = merge.rows_of(sources, _numbers(args), args.types, report)
-    rows = merge.selected(rows, args.select)
+    rows = merge.selected(rows, args.select, report)
     if not args.into:
         return lines + ["%s %s %s %s" % (r.symbol, r.plc, r.type, r.desc) for r in rows]
     sheets = empty(args.into)

@@ -182,11 +182,20 @@ def _row(kind, symbol, path, address, byte, bit, desc, place, types):
     return New(symbol, plc, str(kind), desc, place)
 
 
-def selected(rows, patterns):
+def selected(rows, patterns, report):
+    """The rows that one of the patterns means; a pattern that means none is an error."""
     if not patterns:
         return rows
-    return [r for r in rows if any(fnmatch.fnmatchcase(r.symbol, p) or
-                                   fnmatch.fnmatchcase(r.plc, p) for p in patterns)]
+    found = set()
+    for pattern in patterns:
+        fits = re.compile(fnmatch.translate(pattern)).match
+        hits = [id(r) for r in rows if fits(r.symbol) or fits(r.plc)]
+        if not hits and rows:
+            report.error(Place("--select"), None, '"%s" means none of the %d symbols and addresses, such '
+                         "as %s %s; allowed: * ? [abc]" % (pattern, len(rows), rows[0].symbol,
+                                                         rows[0].plc))
+        found.update(hits)
+    return [r for r in rows if id(r) in found]
 
 
 # --- names of records --------------------------------------------------------------------------
@@ -199,7 +208,7 @@ class Names:
         self.pattern = None
         if rule and not self.none:
             parts = rule.split(rule[1]) if len(rule) > 2 and rule[0] == "s" else []
-            if len(parts) != 4:
+            if len(parts) != 4 or not parts[1] or parts[3] not in ("", "g"):
                 raise Refused('--pv "%s"; allowed: none, or such as s/Tank\\.(.*)/T1:\\1/' % rule)
             try:
                 self.pattern = re.compile(parts[1])
