@@ -189,7 +189,7 @@ MISTAKES = [
     ("a severity without a limit's name", map_(("Tank.Temp", "sev", "MAJOR")), "map.csv:11:18: sev: ",
      "allowed: such as low=MINOR hihi=INVALID"),
     ("an unknown enum", map_(("Tank.Mode", "states", "@MODES")), "map.csv:6:19: states: ",
-     'no enum "MODES" is not allowed (did you mean MODE?)'),
+     'there is no enum "MODES" (did you mean MODE?); allowed: MODE'),
     ("three states of a bit", map_(("Tank.Pump", "states", "a|b|c")), "map.csv:4:19: states: ",
      "a BOOL has the states 0 and 1"),
     ("seventeen states", map_(("Tank.Flags", "states", "|".join("abcdefghijklmnopq"))),
@@ -343,6 +343,24 @@ def test_nowhere(tank, tmp_path):
                   ["generate", tank, "-o", tmp_path / "file" / "x"]):
         result = plcmap(*words)
         assert result.status == 1 and "Not a directory" in result.err, result.err
+
+
+ALLOWED = ("allowed", "leave ", "write ", "needs", "must", "gives one", "would", "shows", "readback=",
+           "exceed", "cannot be reached", "beyond", "at an even byte", "of a single bit", "only a BOOL",
+           "unless", "no . and no $", "contains itself", "stand together", "there is no", "is no ",
+           "has more than", "header", "has no states", "show the setpoints")
+
+
+BY_ROW = ("an S7 address in CODESYS", "a download without the handshake")  # of a key that rows contradict
+
+
+@pytest.mark.parametrize("title, changes, place, text", MISTAKES, ids=[m[0] for m in MISTAKES])
+def test_what_is_allowed(tmp_path, title, changes, place, text):
+    """{title}: each line says what is allowed, or has it in what is wrong; few follow from others"""
+    folder = example.write(tmp_path / "m", **changes)
+    lines = [l for l in plcmap("check", folder).lines if "warning" not in l]
+    assert [l for l in lines if not any(a in l for a in ALLOWED)] == []
+    assert len(lines) <= 4 or title in BY_ROW, lines
 
 
 def test_count():

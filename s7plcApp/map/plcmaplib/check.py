@@ -81,7 +81,8 @@ def _check_db_numbers(map_):
     for key in columns.OWN_BLOCKS:
         number = map_.plc[key]
         if number in seen:
-            map_.report.error(map_.plc_place(key), key, "DB%s is %s already" % (number, seen[number]))
+            map_.report.error(map_.plc_place(key), key, "DB%s is %s already; allowed: another "
+                              "number" % (number, seen[number]))
         seen[number] = key
 
 
@@ -90,11 +91,11 @@ def _check_db_numbers(map_):
 def _check_rows(map_, placed):
     symbols = {}
     for item in map_.rows:
-        if not item.symbol and item.dir != "reserved":
-            _error(map_, item, "symbol", "the row has no symbol")
+        if not item.symbol and item.dir != "reserved" and "symbol" in item.row.sheet.header:
+            _error(map_, item, "symbol", "the row has no symbol; allowed: its name in the PLC")
         key = item.symbol.upper()
         if item.symbol and key in symbols:
-            _error(map_, item, "symbol", "%s is there twice, see line %d"
+            _error(map_, item, "symbol", "%s is there twice, see line %d; allowed: each name once"
                    % (item.symbol, symbols[key].row.line))
         symbols.setdefault(key, item)
         if item.type is None:
@@ -193,7 +194,7 @@ def _grown(other, byte, side):
     """The way out, where a structure in front may have grown."""
     kind = other.type.element if isinstance(other.type, Array) else other.type
     return "; if %s has grown: `plcmap place --grow`" % kind if is_struct(kind) and \
-        getattr(other, side)[0] < byte else ""
+        getattr(other, side)[0] < byte else "; leave it blank, then `plcmap place` finds a free place"
 
 
 def _check_readback(map_):
@@ -255,7 +256,7 @@ def _check_memory(map_):
             _error(map_, item, "plc", "%d + %d bytes exceed a data block, 65536"
                    % (a.byte, map_.size_of(item.type)))
         if a.area == "I" and map_.dirs_of(item) & {"out", "cmd"}:
-            _error(map_, item, "plc", "an input of the PLC cannot be written")
+            _error(map_, item, "plc", "an input of the PLC cannot be written; allowed: Q, M or a DB")
     _check_via(map_)
     _check_written(map_)
 
@@ -303,6 +304,8 @@ def _check_via(map_):
             if map_.on("download") and not item.via == "ptr" and not _in_table(leaf, way):
                 _error(map_, item, "via", "download=on: %s would need a line in the PLC's program; "
                        "allowed: whole bytes of a DB or of M, by ptr" % leaf.symbol)
+            elif item.via == "ptr" and leaf.address is None and item.row.get("plc"):
+                pass  # told with the address
             elif item.via == "ptr" and (leaf.address is None or not leaf.address.area):
                 _error(map_, item, "via", "a pointer needs an address such as DB10.DBW4 in column "
                        "plc, not a symbol" if leaf.address is not None else
@@ -353,7 +356,7 @@ def _check_written(map_):
             mask = 0xFF if not leaf.is_bit() or a.bit is None else 1 << a.bit
             for mask_, other in written.setdefault((a.area, a.db, byte), []):
                 if mask_ & mask and other.owner is not leaf.owner:
-                    _error(map_, leaf.owner, "plc", "%s is written by line %d (%s) too"
+                    _error(map_, leaf.owner, "plc", "%s is written by line %d (%s) too; allowed: one row"
                            % (a.text(leaf.size()), other.owner.row.line, other.symbol))
                     return
             written[(a.area, a.db, byte)].append((mask, leaf))
@@ -390,6 +393,8 @@ def _cell(leaf, column):
 
 def _check_name(map_, leaf, full, longest, names):
     place = leaf.owner.row.place("pv")
+    if not ASCII_PV.match(map_.plc["prefix"]):  # told with the key
+        full = full[len(map_.plc["prefix"]):]
     if not ASCII_PV.match(full) or full[:1] in "-+[{":
         map_.report.error(place, "pv", '"%s" has characters that no record name can have; allowed: '
                           "A-Z a-z 0-9 _ - : [ ] < > ;" % full)
@@ -415,7 +420,7 @@ def _check_taken(map_, leaf, name, names):
     other = names.get(name)
     if other is not None:
         map_.report.error(leaf.owner.row.place("pv"), "pv", 'record "%s" is there already: line %d '
-                          "(%s)" % (name, other.owner.row.line, other.symbol))
+                          "(%s); allowed: another name" % (name, other.owner.row.line, other.symbol))
     names[name] = leaf
 
 
@@ -436,7 +441,7 @@ def _check_shown(map_, leaf):
         report.error(_cell(leaf, "hopr"), "hopr", "hopr=%g must be greater than lopr=%g"
                      % (shown.hopr, shown.lopr))
     if isinstance(kind, Text) and shown.egu:
-        report.error(_cell(leaf, "egu"), "egu", "a text has no unit")
+        report.error(_cell(leaf, "egu"), "egu", "a text has no unit; leave it blank")
     _check_states(map_, leaf)
     _check_scale(map_, leaf, numeric, limits)
     if leaf.shown.fields and is_struct(leaf.owner.type) and leaf.field is None:

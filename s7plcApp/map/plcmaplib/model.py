@@ -113,7 +113,7 @@ class Map:
     def tx_header(self):
         if self.plc["wire"] != "block":
             return 0
-        return 16 if self.on("download") else 4 if self.on("sync") else 0
+        return (16 if self.on("download") else 4) if self.on("sync") else 0
 
     def rx_header(self):
         return 4 if self.plc["wire"] == "block" and self.on("sync") else 0
@@ -147,7 +147,8 @@ class Map:
                   "types": ["type", "field", "ftype"], "enums": ["enum", "value", "text"]}[name]
         for column in needed:
             if column not in sheet.header:
-                self.report.error(sheet.place(), None, 'the column "%s" is missing' % column)
+                self.report.error(sheet.place(), None, 'the column "%s" is missing; allowed: any order, but %s'
+                                  % (column, " and ".join(needed) + " must be there"))
         for row in sheet.rows:
             for column in row.cells:
                 words = allowed.get(column, (None,))[0]
@@ -167,7 +168,7 @@ class Map:
                     key, nearest(key, columns.PLC_KEYS), " ".join(columns.PLC_KEYS)))
                 continue
             if key in self.plc_rows:
-                self.report.error(row.place("key"), "key", '"%s" is there twice, see line %d'
+                self.report.error(row.place("key"), "key", '"%s" is there twice, see line %d; allowed: each key once'
                                   % (key, self.plc_rows[key].line))
             self.plc_rows[key] = row
             default, allowed, _ = columns.PLC_KEYS[key]
@@ -207,7 +208,7 @@ class Map:
             value = row.get("value")
             if not re.match(r"^-?\d{1,10}$", value):
                 self.report.error(row.place("value"), "value",
-                                  '"%s" is no whole number' % value)
+                                  '"%s" is no whole number; allowed: such as 0, 7, -1' % value)
                 continue
             severity = row.get("sev") if row.get("sev") in columns.SEVERITIES else ""
             check_state(current.states, int(value), row.get("text"), severity,
@@ -250,10 +251,11 @@ class Map:
         field.dir = row.get("dir") if row.get("dir") in columns.DIRECTIONS else ""
         field.suffix = row.get("suffix")
         if not field.name and field.dir != "reserved":
-            self.report.error(row.place("field"), "field", "the field has no name")
+            self.report.error(row.place("field"), "field", "the field has no name; allowed: its name in the "
+                              "PLC, or dir reserved")
         for other in typedef.fields:
             if field.name and other.name.upper() == field.name.upper():
-                self.report.error(row.place("field"), "field", "%s.%s is there twice, see line %d"
+                self.report.error(row.place("field"), "field", "%s.%s is there twice, see line %d; allowed: each field once"
                                   % (typedef.name, field.name, other.row.line))
         field.type = self._type(row, "ftype")
         field.at = self._offset(row, "at", field.type)

@@ -167,7 +167,7 @@ def _fill(sheet, rows, report):
     for number, column in enumerate(sheet.header, 1):
         if column and column in sheet.header[:number - 1]:
             report.error(Place(sheet.file, sheet.line, number, sheet.tab), None,
-                         'the column "%s" is there twice' % column)
+                         'the column "%s" is there twice; allowed: each once' % column)
         elif not column and any(len(r) >= number and clean(r[number - 1]) for _, r in rows):
             report.error(Place(sheet.file, sheet.line, number, sheet.tab), None,
                          "the column has values but no name; notes need a name that begins "
@@ -179,7 +179,8 @@ def _fill(sheet, rows, report):
         for number, cell in enumerate(cells[len(sheet.header):], len(sheet.header) + 1):
             if cell:
                 report.error(Place(sheet.file, line, number, sheet.tab), None,
-                             '"%s" stands beyond the last column' % cell[:40])
+                             '"%s" stands beyond the last column; allowed: notes below a name that '
+                             "begins with #" % cell[:40])
         row = sheet.append({c: v for c, v in zip(sheet.header, cells) if c and v}, line)
         sheet.read[line] = dict(row.cells)
     return sheet

@@ -5,7 +5,7 @@ Knows the columns; knows no types and no offsets. Every refusal names its cell.
 import re
 
 from . import columns
-from .problems import one_of
+from .problems import nearest, one_of
 from .sheets import number
 
 ASCII_PV = re.compile(r"^[A-Za-z0-9_\-+:\[\]<>;.$(){}#%/*&|!?~^@=]*$")
@@ -92,7 +92,7 @@ class Shown:
             return None
         if ends[0] == ends[1]:
             report.error(self.row.place(column), column,
-                         '"%s": both ends are the same' % text)
+                         '"%s": both ends are the same; allowed: such as 0..27648' % text)
             return None
         return ends[0], ends[1]
 
@@ -111,8 +111,8 @@ class Shown:
                 report.error(self.row.place("sev"), "sev", one_of(severity, columns.SEVERITIES))
             else:
                 if self.limits[limit] is None:
-                    report.error(self.row.place("sev"), "sev", "%s has no limit in its column"
-                                 % limit)
+                    report.error(self.row.place("sev"), "sev", "%s has no limit in its column; allowed: "
+                                 "severities of limits that are given" % limit)
                 found[limit] = severity
         return found
 
@@ -123,8 +123,9 @@ class Shown:
         if text.startswith("@"):
             name = text[1:].strip()
             if name.upper() not in enums:
-                report.error(self.row.place("states"), "states", "no enum %s"
-                             % one_of(name, [e.name for e in enums.values()]))
+                names = [e.name for e in enums.values()]
+                report.error(self.row.place("states"), "states", 'there is no enum "%s"%s; allowed: %s' % (
+                    name, nearest(name, names), " ".join(names) or "one of the sheet enums"))
                 return None
             self.enum = enums[name.upper()].name
             return enums[name.upper()].states
@@ -178,9 +179,9 @@ class Shown:
                              "as PINI=YES; FLNK=x" % part.strip())
             elif name in ("DTYP", "INP", "OUT"):
                 report.error(self.row.place("fields"), "fields",
-                             "%s comes from the map itself" % name)
+                             "%s comes from the map itself; allowed: any field but DTYP INP OUT" % name)
             elif name in [f for f, _ in found]:
-                report.error(self.row.place("fields"), "fields", "%s is there twice" % name)
+                report.error(self.row.place("fields"), "fields", "%s is there twice; allowed: each field once" % name)
             else:
                 found.append((name, value.strip()))
         return found
@@ -208,13 +209,14 @@ def parse_states(text, place, report):
 def check_state(before, value, text, severity, place, column, report):
     """One state against those before it."""
     if not text:
-        report.error(place, column, "a state has no text")
+        report.error(place, column, "a state has no text; allowed: up to %d characters"
+                     % columns.MAX_STATE)
     if len(text.encode("utf-8", "replace")) > columns.MAX_STATE:
         report.error(place, column, 'state "%s" has %d bytes; allowed: %d'
                      % (text, len(text.encode("utf-8", "replace")), columns.MAX_STATE))
     if severity and severity not in columns.SEVERITIES:
         report.error(place, column, one_of(severity, columns.SEVERITIES))
     if value in [s.value for s in before]:
-        report.error(place, column, "value %d is there twice" % value)
+        report.error(place, column, "value %d is there twice; allowed: each value once" % value)
     if text and text in [s.text for s in before]:
-        report.error(place, column, 'text "%s" is there twice' % text)
+        report.error(place, column, 'text "%s" is there twice; allowed: each text once' % text)
