@@ -8,8 +8,8 @@ ifneq ($(words $(CURDIR)),1)
   $(error EPICS cannot build in a path with a blank: "$(CURDIR)". Move the tree)
 endif
 
-.PHONY: help demo demo-redundant demo-sync demo-asyn demo-modbus demo-tables demo-etherip demo-map test bench docs \
-    displays fuzz
+.PHONY: help demo demo-redundant demo-sync demo-asyn demo-modbus demo-tables demo-etherip demo-map test check-all \
+    bench docs displays fuzz
 
 HELP = "make                 build (needs EPICS_BASE, see configure/RELEASE)" \
     "make rebuild         clean, then build: after an update of the sources" \
@@ -24,6 +24,7 @@ HELP = "make                 build (needs EPICS_BASE, see configure/RELEASE)" \
     "make demo-etherip    tags of a controller over EtherNet/IP" \
     "make demo-asyn       the same PLC as an asyn port (where ASYN is set)" \
     "make test            all tests" \
+    "make check-all       warnings as errors, all tests under sanitizers, static analysis: hours" \
     "make bench           speed" \
     "make fuzz            all parsers with random bytes; MINUTES=<n> for each, default 0.2" \
     "make displays        pictures of the displays, by PyDM; PHOEBUS=<folder>: by Phoebus" \
@@ -37,7 +38,7 @@ ifneq ($(filter help,$(MAKECMDGOALS)),)
   help: ; @printf '%s\n' $(HELP)
 else ifneq ($(filter docs,$(MAKECMDGOALS)),)
   docs: ; @docs/build
-else ifneq ($(filter demo demo-% test bench displays fuzz,$(MAKECMDGOALS)),)
+else ifneq ($(filter demo demo-% test check-all bench displays fuzz,$(MAKECMDGOALS)),)
   ifneq ($(origin EPICS_BASE),file)
     # GNU make makes this included file when it is missing, then reads it and goes on.
     include configure/RELEASE.local
@@ -55,6 +56,7 @@ else ifneq ($(filter demo demo-% test bench displays fuzz,$(MAKECMDGOALS)),)
   demo-tables: ; @+$(BUILD) && exec iocBoot/iocTables/demo
   demo-etherip: ; @+$(BUILD) && exec iocBoot/iocEtherIP/demo
   test: ; @+tests/run
+  check-all: ; @+tests/check/run
   bench: ; @+$(BUILD) && exec tests/bench/run
   displays: ; @+$(BUILD) && exec tests/displays/run
   fuzz: ; @tests/fuzz/run $(addprefix -m ,$(MINUTES))

@@ -6,6 +6,7 @@
 #   configure/setup.sh release write EPICS_BASE from the environment into configure/RELEASE.local
 #   configure/setup.sh map     what plcmap needs: Python
 #   configure/setup.sh python  make the Python environment of the system tests, print its path
+#   configure/setup.sh check   what tests/check/run needs: clang, clang-tidy, cppcheck
 #   configure/setup.sh docs    the same of the tools for the documents
 #   configure/setup.sh fuzz    what tests/fuzz/run needs: clang with libFuzzer
 #   configure/setup.sh displays  the same for pictures of displays (tests/displays/run)
@@ -157,6 +158,11 @@ python() {
     environment venv tests/requirements.txt
 }
 
+check() {
+    # gcc's packages bring its sanitizers.
+    packages build-essential clang clang-tidy cppcheck
+}
+
 documents() {
     packages python3-venv
     environment docs docs/requirements.txt
@@ -180,7 +186,8 @@ case ${1:-} in
     named) named ;;
     release) write_release "$EPICS_BASE" ;;
     python) python ;;
+    check) check ;;
     docs) documents ;;
     displays) displays ;;
-    *) die "usage: configure/setup.sh base|map|named|release|python|docs|fuzz|displays" ;;
+    *) die "usage: configure/setup.sh base|map|named|release|python|check|docs|fuzz|displays" ;;
 esac
