@@ -94,7 +94,6 @@ void plcStationsDestroy(void);
 /* --- What records need; any thread ----------------------------------------------------- */
 
 const char *plcStationName(const plcStation *station);
-int plcStationBigEndian(const plcStation *station);
 
 /* The order of plcCodec.h for values of this PLC: its byte order and the option
  * wordOrder. */

@@ -19,11 +19,6 @@ const char *plcStationName(const plcStation *s)
     return s->name;
 }
 
-int plcStationBigEndian(const plcStation *s)
-{
-    return s->bigEndian;
-}
-
 int plcStationOrder(const plcStation *s)
 {
     return s->order;

@@ -101,7 +101,7 @@ void plcInputSetLeads(plcStation *s)
         plcInputFollow(s, 0);
 }
 
-void plcInputSetState(plcStation *s, int state)
+static void setState(plcStation *s, int state)
 {
     epicsMutexMustLock(s->lock);
     if (state != s->stats.state) {
@@ -165,7 +165,7 @@ PLC_COLD void plcInputInvalidate(plcStation *s, int state, const char *reason)
     char before[PLC_REASON_SIZE];
 
     plcImageReason(s->in, before);
-    plcInputSetState(s, state);
+    setState(s, state);
     if (state != plcStateLayout)
         layoutShow(s, plcLayoutUnknown);
     s->holding = 0;
@@ -189,7 +189,7 @@ void plcInputNone(plcStation *s)
 
     epicsTimeGetCurrent(&now);
     plcImagePublish(s->in, "", &now);
-    plcInputSetState(s, plcStateOk);
+    setState(s, plcStateOk);
     s->valid = 1;
     plcScanRequestAll(s->inScan);
 }
@@ -225,7 +225,7 @@ PLC_HOT static void deliver(plcStation *s, const void *block, const epicsTimeSta
 
     plcImagePublish(s->in, block, stamp);
     if (!s->valid)
-        plcInputSetState(s, plcStateOk);
+        setState(s, plcStateOk);
     s->valid = 1;
     s->holding = 0;
     s->lastDeliver = now;

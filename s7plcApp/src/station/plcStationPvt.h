@@ -286,7 +286,6 @@ epicsTimeStamp plcInputStamp(plcStation *s, const char *block);
 
 /* The data is not to be used, or there is a better reason why not. */
 void plcInputInvalidate(plcStation *s, int state, const char *reason);
-void plcInputSetState(plcStation *s, int state);
 
 /* For record threads, after leader or validity changed: outputs go somewhere, or not. */
 void plcInputSetLeads(plcStation *s);
