@@ -313,7 +313,7 @@ static epicsUInt64 takeOrders(pairWatch *w)
 
 static void readSocket(pairWatch *w)
 {
-    struct sockaddr_in from;
+    struct sockaddr_in from = {0};
     socklen_t size = sizeof(from);
     char packet[512];
     ssize_t length;

@@ -49,7 +49,8 @@ static int numberOf(reading *r, const char *text, epicsUInt32 most, epicsUInt32 
 /* "P#DB10.DBX4.0" or "P#M4.0", then "BYTE", then "8" */
 static int pointer(reading *r, char **words, row *row)
 {
-    unsigned bit, used = 0;
+    unsigned bit;
+    int used = 0;
 
     if (sscanf(words[0], "P#DB%5u.DBX%6u.%1u%n", &row->db, &row->byte, &bit, &used) ==
             3 &&
@@ -159,21 +160,21 @@ static int readLines(reading *r, FILE *file)
     char *error = r->error;
     size_t size = r->size, count;
     unsigned number = 0;
+    int failed = 0;
 
     r->error = why;
     r->size = sizeof(why);
-    while (fgets(text, sizeof(text), file)) {
+    while (!failed && fgets(text, sizeof(text), file)) {
         number++;
         skipRest(text, file);
         count = split(text, words, 40);
-        if (count && line(r, words, count)) {
+        failed = count && line(r, words, count);
+        if (failed)
             epicsSnprintf(error, size, "line %u: %s", number, why);
-            return -1;
-        }
     }
     r->error = error;
     r->size = size;
-    return 0;
+    return -failed;
 }
 
 static void big(epicsUInt8 *bytes, size_t size, epicsUInt32 value)
