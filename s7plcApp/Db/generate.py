@@ -159,7 +159,7 @@ COUNTERS = [
     Row("Reconnects", "int64in", "reconnects", "Connections lost", small=True,
         limits="high", archive=CHANGES),
     Row("ConnectErrors", "int64in", "connectErrors", "Attempts that failed"),
-    Row("ClockErrors", "int64in", "clockErrors", "PLC clocks that were no date"),
+    Row("ClockErrors", "int64in", "clockErrors", "PLC clocks without a valid date"),
 ]
 TIMES = [
     Row("ConnectedFor", "ai", "connectedFor", "Connected for", "age", "s", 0),
