@@ -1,4 +1,4 @@
-/* A pair under random episodes: switch-overs, pulls, closes, restarts, two PRIMARYs,
+/* A pair under random episodes: switch-overs, pulls, closes, restarts, two PRIMARIES,
  * streams that slip. After each of them leader, counters and values must be what a small
  * model says.
  *
@@ -175,7 +175,7 @@ static void bothSend(void)
 
     pairPeerSend(w.plc[!old], 1);
     m.twoPrimaries++;
-    mustBecome(w.now.twoPrimaries || w.now.primary != old, "two PRIMARYs are seen");
+    mustBecome(w.now.twoPrimaries || w.now.primary != old, "two PRIMARIES are seen");
     if (w.now.primary != old)
         return; /* settle() finds out why */
     sometimesPut();
@@ -185,7 +185,7 @@ static void bothSend(void)
         return;
     }
     pairWorldLook(&w);
-    must(w.now.primary == old && w.now.twoPrimaries, "of two PRIMARYs the old one stays");
+    must(w.now.primary == old && w.now.twoPrimaries, "of two PRIMARIES the old one stays");
     pairPeerSend(w.plc[old], 0);
     taken();
 }
@@ -303,7 +303,7 @@ static void settle(void)
         check();
         two = w.now.twoPrimariesCount;
     } else {
-        must(two == m.twoPrimaries, "two PRIMARYs are counted right");
+        must(two == m.twoPrimaries, "two PRIMARIES are counted right");
     }
     m.twoPrimaries = two;
     pairPeerSeenReset(w.plc[0]);

@@ -76,9 +76,9 @@ static void orderly(void)
 
 static void bothSend(void)
 {
-    testDiag("Two PRIMARYs");
+    testDiag("Two PRIMARIES");
     pairPeerSend(w.plc[0], 1);
-    testOk(waitFor(w.now.twoPrimaries), "both send: two PRIMARYs");
+    testOk(waitFor(w.now.twoPrimaries), "both send: two PRIMARIES");
     testOk(w.now.primary == pairSecond && w.now.switchovers == 1, "SECOND stays");
     testOk(w.now.twoPrimariesCount == 1, "counted once");
     pairWorldPut(&w, 103);
@@ -91,7 +91,7 @@ static void bothSend(void)
     waitFor(w.now.twoPrimaries);
     pairPeerSend(w.plc[1], 0);
     testOk(waitFor(w.now.primary == pairFirst && w.who == 1),
-           "two PRIMARYs, the present one stops: the other leads");
+           "two PRIMARIES, the present one stops: the other leads");
     testOk(waitFor(!w.now.twoPrimaries) && w.now.switchovers == 2 && !w.gap,
            "one more switch-over, data valid all the time");
 }

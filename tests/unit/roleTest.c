@@ -4,7 +4,7 @@
  *   1@t 2@t      a block of FIRST, of SECOND      .@t  time goes on (ticks as asked for)
  *   -1@t -2@t    its connection is lost           +1@t +2@t  is up
  * and what must be true at that point:
- *   F S N        FIRST, SECOND, nobody leads      T t  two PRIMARYs, or not
+ *   F S N        FIRST, SECOND, nobody leads      T t  two PRIMARIES, or not
  *   #n           n switch-overs                   :n   the last one took n ms
  *   ?s ?d ?o     because the old one was silent, disconnected, timed out
  */
@@ -66,19 +66,19 @@ static const struct {
      "1@1250 "
      "1@1300 2@1310 .@1350 F .@1355 S"},
  /* both send */
-    {"two PRIMARYs: the present one stays",                                                                                 "1@0 1@100 1@200 2@210 1@300 F 2@310 1@400 "
+    {"two PRIMARIES: the present one stays",                                                                                 "1@0 1@100 1@200 2@210 1@300 F 2@310 1@400 "
      "2@410 1@500 t 2@510 T F 1@600 2@610 T F #0"                                                                                                                            },
-    {"two PRIMARYs: a late block of the present one does not matter",
+    {"two PRIMARIES: a late block of the present one does not matter",
      BOTH "T 2@610 T F 1@680 T F 2@710 1@800 T F #0"},
-    {"two PRIMARYs: the other stops, all is well again",
+    {"two PRIMARIES: the other stops, all is well again",
      BOTH "T 1@600 1@700 1@800 T 1@900 t F #0"                                                                                                                         },
-    {"two PRIMARYs: the present one stops, the other leads after two missed blocks",
+    {"two PRIMARIES: the present one stops, the other leads after two missed blocks",
      BOTH "1@600 2@610 2@710 F 2@810 .@810 S t #1"},
-    {"two PRIMARYs: the connection of the present one breaks, the other leads at once",
+    {"two PRIMARIES: the connection of the present one breaks, the other leads at once",
      BOTH "1@600 -1@601 S t #1 ?d"                                                                                                                     },
-    {"two PRIMARYs: the connection of the other one breaks, all is well again",
+    {"two PRIMARIES: the connection of the other one breaks, all is well again",
      BOTH "T -2@520 t F 1@600 F #0"},
-    {"two PRIMARYs in step, the other always a little earlier: the present one stays",
+    {"two PRIMARIES in step, the other always a little earlier: the present one stays",
      "1@0 1@100 1@200 2@199 2@299 1@300 2@399 1@400 2@499 1@500 2@599 1@600 F T #0"                                                                                                                    },
     {"both send from the very start: the first to be heard leads",
      "2@0 1@1 2@100 1@101 2@200 1@201 2@300 1@301 S T #0"},
@@ -90,7 +90,7 @@ static const struct {
     {"a network that holds back what the old PRIMARY sent for one and a half periods",
      "1@0 1@100 1@200 2@210 1@220 2@310 1@320 F 2@410 t .@450 F .@500 S #1 :173 2@510 "
      "2@610 t S"                                                                                                                                  },
-    {"minutes later it sends again: new claims, not yet two PRIMARYs",
+    {"minutes later it sends again: new claims, not yet two PRIMARIES",
      "1@0 1@100 1@200 2@306 .@308 S 1@315 2@406 2@506 2@606 2@706 2@806 1@810 S t 2@906 "
      "1@910 2@1006 1@1010 t 2@1106 1@1110 T S #1"},
  /* flapping */
@@ -238,7 +238,7 @@ static const char *broken(const teller *before, const teller *after, int choice,
         (unsigned)(a->lastLeader != b->lastLeader && b->lastLeader != pairNobody))
         return "each change of the PRIMARY is counted once";
     if (a->twoPrimaries && a->leader == pairNobody)
-        return "two PRIMARYs have a leader";
+        return "two PRIMARIES have a leader";
     if (a->leader != pairNobody && a->plc[!a->leader].claims && !after->wake)
         return "a claim waits for a tick";
     if (a->leader != pairNobody && a->plc[a->leader].claims)
