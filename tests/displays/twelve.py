@@ -7,6 +7,7 @@ tests/displays/run calls it. Each picture is there a second time, small: as seen
 metres away; all the small ones are in twelve.png. The status is 1 when a PV was not connected,
 or words did not fit, while the IOC lived.
 """
+import atexit
 import os
 import subprocess
 import sys
@@ -41,7 +42,10 @@ class Plant:
     """Six PLCs of plcSim and the IOCs that have them: a pair is in phoenixIoc, EtherNet/IP in
     s7plcIoc."""
 
+    ioc = second = None
+
     def __init__(self, folder):
+        atexit.register(self.close)  # also when a state is not reached
         demos = TOP / "iocBoot"
         self.PLC1 = Sim(folder, PLC1)
         self.PRESS = Sim(folder, (demos / "iocModbus/press.plc").read_text()
@@ -112,11 +116,14 @@ record(ao, "$(P)oven")  { field(DTYP, "S7plc") field(OUT, "@OVEN/4 T=FLOAT") }
               lambda: f"{name} has {ioc.text(name)}, wanted {values}")
 
     def close(self):
+        """All IOCs die, and the PLCs end: what of them was started."""
         for ioc in (self.ioc, self.second):
-            ioc.process.kill()
-            ioc.drop_clients()
-        for name in NAMES:
-            getattr(self, name).close()
+            if ioc and ioc.process:
+                ioc.process.kill()
+                ioc.drop_clients()
+        for sim in [getattr(self, name) for name in NAMES if hasattr(self, name)]:
+            sim.close()
+        atexit.unregister(self.close)
 
 
 def station(plc):
