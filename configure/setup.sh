@@ -154,7 +154,7 @@ environment() {
 }
 
 python() {
-    packages python3-venv mbpoll iproute2 iptables iputils-ping procps
+    packages python3-venv mbpoll iproute2 iptables iputils-ping procps procserv
     environment venv tests/requirements.txt
 }
 

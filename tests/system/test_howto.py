@@ -1,11 +1,19 @@
 """The how-tos: what a reader would copy into files of his own works as it stands there."""
 import re
+import shlex
+import socket
+import subprocess
+import sys
 
 import pytest
 
 import test_application as application
-from client import TOP
-from ioc import Ioc
+from client import ARCH, TOP
+from ioc import Ioc, errors_in
+from waiting import LIMIT, until
+
+sys.path.insert(0, str(TOP / "s7plcApp/op"))
+from plcdisplays import lint  # noqa: E402
 
 HOWTO = TOP / "docs/howto"
 
@@ -63,11 +71,56 @@ def test_access(tmp_path, new_ioc):
     assert not ioc.pv("Speed").write_access and ioc.pv("Speed").read_access
 
 
-def test_ibek():
-    """each command of the ibek support file is one of ours, with as many arguments as it takes"""
+def test_procserv(tmp_path, new_peer):
+    """the line of the service starts an IOC, its console takes commands, and ends with procServ"""
+    unit = block("procserv.md", "[Unit]").replace("\\\n", "")
+    line = re.search(r"^ExecStart=(.*)$", unit, re.MULTILINE).group(1)
+    line = line.replace("/run/ioc-pump", str(tmp_path)).replace(
+        "/opt/ioc/pump/bin/linux-x86_64/pump", f"{TOP}/bin/{ARCH}/s7plcIoc")
+    peer = new_peer(48, 48)
+    (tmp_path / "st.cmd").write_text(
+        f'dbLoadDatabase "{TOP}/dbd/s7plcIoc.dbd"\ns7plcIoc_registerRecordDeviceDriver pdbbase\n'
+        f"s7plcConfigure PUMP, 127.0.0.1, {peer.port}, 48, 48, 1\niocInit\n")
+    with open(tmp_path / "log", "w") as log:
+        serv = subprocess.Popen(shlex.split(line), cwd=tmp_path, stdout=log, stdin=subprocess.DEVNULL)
+    try:
+        peer.wait_connected()
+        with socket.socket(socket.AF_UNIX) as console:
+            console.connect(str(tmp_path / "console"))
+            console.sendall(b"s7plcReport PUMP\n")
+            heard = b""
+            while b"PUMP 127.0.0.1:" not in heard:
+                more = console.recv(4096)
+                assert more, heard
+                heard += more
+    finally:
+        serv.terminate()
+        serv.wait(LIMIT)
+    until(lambda: peer.connection.ended, "the end of the connection")
+    assert "connected to 127.0.0.1" in (tmp_path / "log").read_text()
+
+
+def test_alarm_tree():
+    """the PVs of the alarm tree that are ours are records of the databases"""
+    tree = block("alarm-server.md", "<config")
+    known = lint.records({"P": "PUMP:PLC:"}) | {"PUMP:Pressure"}
+    named = set(re.findall(r"PUMP:[\w:]+", tree))
+    assert {"PUMP:PLC:State", "PUMP:PLC:Reason", "PUMP:PLC:Alive"} <= named <= known, named - known
+
+
+def test_ibek(new_ioc):
+    """the commands of the ibek support file are accepted, and its databases are there"""
     text = (HOWTO / "plclink.ibek.support.yaml").read_text()
-    calls = re.findall(r"^ +((?:s7|phoenix|modbus)plcConfigure) (.*)$", text, re.MULTILINE)
-    assert [(name, rest.count(",") + 1) for name, rest in calls] == [
-        ("s7plcConfigure", 8), ("phoenixplcConfigure", 9), ("modbusplcConfigure", 6)]
+    values = {"name": "PUMP", "address": "192.0.2.1", "port": "2000", "inSize": "48", "outSize": "16",
+              "bigEndian": "1", "recvTimeout": "2000", "sendInterval": "100", "unit": "1",
+              "inputs": "holding 0 100 every 500", "outputs": "", "slot": "0"}
+    calls = re.findall(r"^ +(\w+(?:Configure|define_PLC) .*)$", text, re.MULTILINE)
+    assert [call.split()[0] for call in calls] == ["s7plcConfigure", "phoenixplcConfigure",
+                                                   "modbusplcConfigure", "drvEtherIP_define_PLC"]
+    for call in calls:
+        line = re.sub(r"{{(\w+)}}", lambda m: values[m[1]], call)
+        ioc = new_ioc(line, "", program="phoenixIoc" if "phoenix" in line else "s7plcIoc")
+        wrong = [e for e in errors_in(ioc.log) if "cannot connect" not in e]
+        assert not wrong and "ERROR" not in ioc.log and "PUMP" in ioc.command("s7plcReport"), ioc.log
     for database in re.findall(r"\$\(S7PLC\)/(db/\S+)", text):
         assert (TOP / database).exists(), database
