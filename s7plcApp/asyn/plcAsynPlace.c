@@ -13,7 +13,7 @@
 
 #include "plcAsynPlace.h"
 
-#define NUMBERS (plcInteger | plcReal)
+#define NUMBERS (plcWhole | plcReal)
 #define BYTES (plcInteger | plcString | plcBcd)
 #define ONE_VALUE (plcHasL | plcHasH | plcHasB | plcHasR | plcHasW)
 #define ONE_BIT (plcHasB | plcHasR | plcHasW)
@@ -27,8 +27,8 @@ static const struct {
     unsigned element;
 } faces[plcAsynFaces] = {
     /* clang-format off */
-    [plcAsynInt32] = {{"asynInt32", plcInteger, 4, ONE_VALUE, "INT16"}, 0},
-    [plcAsynInt64] = {{"asynInt64", plcInteger, 8, ONE_VALUE, "INT16"}, 0},
+    [plcAsynInt32] = {{"asynInt32", plcWhole, 4, ONE_VALUE, "INT16"}, 0},
+    [plcAsynInt64] = {{"asynInt64", plcWhole, 8, ONE_VALUE, "INT16"}, 0},
     [plcAsynUInt32Digital] = {{"asynUInt32Digital", plcInteger, 4, ONE_BIT, "INT16"}, 0},
     [plcAsynFloat64] = {{"asynFloat64", NUMBERS, 8, ONE_VALUE, "INT16"}, 0},
     [plcAsynOctet] = {{"asynOctet", plcText, 1, plcHasL | plcHasR, "STRING"}, 1},
@@ -359,6 +359,8 @@ static int fitsType(const plcType *type, epicsInt64 value)
 {
     unsigned bits = 8 * type->size;
 
+    if (type->kind & plcCoded)
+        return value >= type->low && value <= type->high;
     return bits == 64 ||
            (value >= -((epicsInt64)1 << (bits - 1)) && value < ((epicsInt64)1 << bits));
 }

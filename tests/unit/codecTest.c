@@ -47,6 +47,8 @@ static const struct {
     {"TIME",     "TIME"  },
     {"BCD",      "TIME"  },
     {"s7string", "S7STRING"},
+    {"bcd16",    "BCD16" },
+    {"SM16",     "SM16"  },
     {"int16",    "INT16" },
     {"Float64",  "REAL64"},
     {"longlong", "INT64" },
@@ -101,6 +103,9 @@ static const struct {
     {"STRING", plcString,   1, 0,           0           },
     {"TIME",   plcBcd,      1, 0,           0           },
     {"S7STRING", plcS7String, 1, 0,         0           },
+    {"BCD16",  plcDigits,   2, 0,           9999        },
+    {"BCD32",  plcDigits,   4, 0,           99999999    },
+    {"SM16",   plcMagnitude, 2, -32767,     32767       },
 };
 
 static void testTypes(void)
@@ -137,8 +142,9 @@ static const struct {
     {"signed in 10 characters",       plcSigned,            8, 10,  "INT8"                   },
     {"signed in 11 characters",       plcSigned,            8, 11,  "INT8 INT16"             },
     {"signed in 1 character",         plcSigned,            8, 1,   ""                       },
-    {"everything",                    ~0u,                  8, 100,
-     "INT8 UINT8 INT16 UINT16 INT32 UINT32 INT64 UINT64 REAL32 REAL64 STRING TIME S7STRING"  },
+    {"everything",                    ~0u,                  8, 110,
+     "INT8 UINT8 INT16 UINT16 INT32 UINT32 INT64 UINT64 REAL32 REAL64 STRING TIME S7STRING "
+     "BCD16 BCD32 SM16"  },
 };
 
 static void testLists(void)
@@ -146,7 +152,7 @@ static void testLists(void)
     size_t i;
 
     for (i = 0; i < sizeof(lists) / sizeof(lists[0]); i++) {
-        char text[101];
+        char text[111];
 
         memset(text, '#', sizeof(text));
         plcTypeList(lists[i].kinds, lists[i].maxSize, text, lists[i].size);
@@ -186,6 +192,15 @@ static const struct {
     {"UINT64", {0xFE, 0xDC, 0xBA, 0x98, 0x76, 0x54, 0x32, 0x10}, -0x0123456789ABCDF0LL},
     {"STRING", {0xE4},                                           0xE4                 },
     {"TIME",   {0x59},                                           0x59                 },
+    {"BCD16",  {0x00, 0x00},                                     0                    },
+    {"BCD16",  {0x12, 0x34},                                     1234                 },
+    {"BCD16",  {0x99, 0x99},                                     9999                 },
+    {"BCD32",  {0x01, 0x23, 0x45, 0x67},                         1234567              },
+    {"BCD32",  {0x99, 0x99, 0x99, 0x99},                         99999999             },
+    {"SM16",   {0x00, 0x05},                                     5                    },
+    {"SM16",   {0x80, 0x05},                                     -5                   },
+    {"SM16",   {0x7F, 0xFF},                                     32767                },
+    {"SM16",   {0xFF, 0xFF},                                     -32767               },
 };
 
 static const struct {
@@ -269,6 +284,11 @@ static const struct {
     {"UINT16", 65537,        1            },
     {"INT32",  2147483648LL, -2147483648LL},
     {"UINT32", -1,           4294967295LL },
+    {"BCD16",  10000,        9999         },
+    {"BCD16",  -1,           0            },
+    {"BCD32",  1234567890,   99999999     },
+    {"SM16",   40000,        32767        },
+    {"SM16",   -32768,       -32767       },
 };
 
 static void testOverflows(void)
@@ -552,7 +572,7 @@ MAIN(codecTest)
 {
     int order;
 
-    testPlan(46 + 1 + 28 + 9 + 15 + 4 * 24 + 4 * 9 + 6 + 5 + 2 * 9 +
+    testPlan(48 + 1 + 34 + 9 + 15 + 4 * 33 + 4 * 9 + 11 + 5 + 2 * 9 +
              4 * 3 * (int)WORD_ORDERS + 2 + 14);
     testDiag("Names");
     testNames();

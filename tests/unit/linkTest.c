@@ -346,7 +346,7 @@ static const struct {
      "T=INT32_BE is no data type; allowed: T=INT32 W=ABCD, the same in asyn's modbus"},
     {"@PLC/4 T=FLOT",                                               9,
      "T=FLOT is no data type; allowed: INT8 UINT8 INT16 UINT16 INT32 UINT32 INT64 UINT64 "
-     "REAL32 REAL64 STRING TIME S7STRING"                                                                                                      },
+     "REAL32 REAL64 STRING TIME S7STRING BCD16 BCD32 SM16"                                                                                                      },
     {"@PLC/4 T=INT16X",                                             9,  ""                                                            },
     {"@PLC/4 T=INT1",                                               9,  ""                                                            },
     {"@PLC/4 T=INT",                                                9,  ""                                                            },

@@ -353,7 +353,7 @@ void devScale(const devRecord *dev, double egul, double eguf, double *eslo, doub
 {
     double low = (double)dev->low, high = (double)dev->high;
 
-    if (!(dev->type->kind & plcInteger) || low == high)
+    if (!(dev->type->kind & plcWhole) || low == high)
         return;
     *eslo = (eguf - egul) / (high - low);
     *eoff = (high * egul - low * eguf) / (high - low);

@@ -271,7 +271,7 @@ static int adaptLsi(dbCommon *common, const plcLink *link, plcShape *shape, size
 
 /* --- The rows ----------------------------------------------------------------------- */
 
-#define ANALOG (plcInteger | plcReal)
+#define ANALOG (plcWhole | plcReal)
 
 /* clang-format off */
 const devSupport devS7plcAi = {
@@ -293,11 +293,11 @@ const devSupport devS7plcMbbiDirect = {
     .prepare = prepareMbbiDirect};
 const devSupport devS7plcLongin = {
     .common = DEV_DSET, .transfer = readLongin, .dtyp = "S7plc", .field = "INP",
-    .direction = devIn, .shape = {"longin", plcInteger, 4, plcHasW, "INT16"},
+    .direction = devIn, .shape = {"longin", plcWhole, 4, plcHasW, "INT16"},
     .prepare = prepareLongin};
 const devSupport devS7plcInt64in = {
     .common = DEV_DSET, .transfer = readInt64in, .dtyp = "S7plc", .field = "INP",
-    .direction = devIn, .shape = {"int64in", plcInteger, 8, plcHasW, "INT16"}};
+    .direction = devIn, .shape = {"int64in", plcWhole, 8, plcHasW, "INT16"}};
 const devSupport devS7plcStringin = {
     .common = DEV_DSET, .transfer = readStringin, .dtyp = "S7plc", .field = "INP",
     .direction = devIn, .shape = {"stringin", plcText, 1, plcHasL, "STRING"},

@@ -379,7 +379,7 @@ static void followLso(dbCommon *common, const devRecord *dev, const epicsUInt8 *
 
 /* --- The rows ----------------------------------------------------------------------- */
 
-#define ANALOG (plcInteger | plcReal)
+#define ANALOG (plcWhole | plcReal)
 
 /* clang-format off */
 const devSupport devS7plcAo = {
@@ -408,11 +408,11 @@ const devSupport devS7plcMbboDirect = {
     .prepare = prepareMbboDirect, .write = writeMbboDirect, .follow = followMbboDirect};
 const devSupport devS7plcLongout = {
     .common = DEV_DSET, .transfer = devWrite, .dtyp = "S7plc", .field = "OUT",
-    .direction = devOut, .shape = {"longout", plcInteger, 4, plcHasR | plcHasW, "INT16"},
+    .direction = devOut, .shape = {"longout", plcWhole, 4, plcHasR | plcHasW, "INT16"},
     .write = writeLongout, .follow = followLongout};
 const devSupport devS7plcInt64out = {
     .common = DEV_DSET, .transfer = devWrite, .dtyp = "S7plc", .field = "OUT",
-    .direction = devOut, .shape = {"int64out", plcInteger, 8, plcHasR | plcHasW, "INT16"},
+    .direction = devOut, .shape = {"int64out", plcWhole, 8, plcHasR | plcHasW, "INT16"},
     .write = writeInt64out, .follow = followInt64out};
 const devSupport devS7plcStringout = {
     .common = DEV_DSET, .transfer = devWrite, .dtyp = "S7plc", .field = "OUT",

@@ -41,6 +41,9 @@ const plcType plcTypes[] = {
     {"STRING", plcString,   1, 0,           0           },
     {"TIME",   plcBcd,      1, 0,           0           },
     {"S7STRING", plcS7String, 1, 0,         0           },
+    {"BCD16",  plcDigits,   2, 0,           9999        },
+    {"BCD32",  plcDigits,   4, 0,           99999999    },
+    {"SM16",   plcMagnitude, 2, -0x7FFF,    0x7FFF      },
     {NULL,     0,           0, 0,           0           },
 };
 
@@ -116,7 +119,7 @@ void plcTypeList(unsigned kinds, unsigned maxSize, char *text, size_t size)
     for (type = plcTypes; type->name; type++) {
         size_t length = strlen(type->name);
 
-        if (!(type->kind & kinds) || (type->kind & plcInteger && type->size > maxSize))
+        if (!(type->kind & kinds) || (type->kind & plcWhole && type->size > maxSize))
             continue;
         if (used + (used > 0) + length + 1 > size)
             return;
@@ -235,14 +238,44 @@ static void store(void *bytes, unsigned size, int order, epicsUInt64 value)
     }
 }
 
+/* Digits beyond 9 count as what they are. */
+static NOINLINE epicsInt64 decode(const plcType *type, epicsUInt64 coded)
+{
+    epicsInt64 value = 0;
+    int shift;
+
+    if (type->kind == plcMagnitude)
+        return coded & 0x8000 ? -(epicsInt64)(coded & 0x7FFF) : (epicsInt64)coded;
+    for (shift = 8 * (int)type->size - 4; shift >= 0; shift -= 4)
+        value = value * 10 + (epicsInt64)(coded >> shift & 0xF);
+    return value;
+}
+
+/* A number with more digits than there is room for is the largest, a negative one 0. */
+static NOINLINE epicsUInt64 encode(const plcType *type, epicsInt64 value)
+{
+    epicsUInt64 coded = 0;
+    unsigned shift;
+
+    value = value < type->low ? type->low : value > type->high ? type->high : value;
+    if (type->kind == plcMagnitude)
+        return value < 0 ? 0x8000u | (epicsUInt64)-value : (epicsUInt64)value;
+    for (shift = 0; shift < 8 * type->size; shift += 4, value /= 10)
+        coded |= (epicsUInt64)(value % 10) << shift;
+    return coded;
+}
+
 PLC_HOT epicsInt64 plcGetInt(const plcType *type, const void *bytes, int order)
 {
+    if (type->kind & plcCoded)
+        return decode(type, load(bytes, type->size, order, 0));
     return (epicsInt64)load(bytes, type->size, order, type->kind == plcSigned);
 }
 
 void plcPutInt(const plcType *type, void *bytes, int order, epicsInt64 value)
 {
-    store(bytes, type->size, order, (epicsUInt64)value);
+    store(bytes, type->size, order,
+          type->kind & plcCoded ? encode(type, value) : (epicsUInt64)value);
 }
 
 PLC_HOT double plcGetReal(const plcType *type, const void *bytes, int order)

@@ -2,7 +2,8 @@
  *
  * Pure functions: no records, no links, no sockets, no clock, no memory of anything.
  * Source of the names, aliases and default limits: the manual of PSI's s7plc, which this
- * module replaces; REAL is IEEE 754; BCD is the Siemens DATE_AND_TIME digit pair.
+ * module replaces; REAL is IEEE 754; BCD is the Siemens DATE_AND_TIME digit pair. BCD16,
+ * BCD32 and SM16: what devices on Modbus have in registers.
  */
 #ifndef INC_plcCodec_H
 #define INC_plcCodec_H
@@ -17,10 +18,14 @@ typedef enum {
     plcReal = 4,
     plcString = 8,
     plcBcd = 16,
-    plcS7String = 32 /* as S7 keeps a STRING[n]: two length bytes, then n characters */
+    plcS7String = 32, /* as S7 keeps a STRING[n]: two length bytes, then n characters */
+    plcDigits = 64,   /* a whole number, a decimal digit in each 4 bits */
+    plcMagnitude = 128 /* a whole number, its sign in the highest bit */
 } plcKind;
 
-#define plcInteger (plcSigned | plcUnsigned)
+#define plcInteger (plcSigned | plcUnsigned)        /* bits of them may be taken alone */
+#define plcCoded (plcDigits | plcMagnitude)
+#define plcWhole (plcInteger | plcCoded)
 #define plcText (plcString | plcS7String)
 
 #define PLC_S7STRING_HEAD 2  /* bytes before the characters: most, and present number */

@@ -267,6 +267,8 @@ static const char *otherName(const char *name, size_t length)
         {"LINT",          "T=INT64, a LINT of the PLC"                },
         {"ULINT",         "T=UINT64, a ULINT of the PLC"              },
         {"BOOL",          "T=BYTE B=bit, in a bi or bo"               },
+        {"BCD_UNSIGNED",  "T=BCD16, the same in asyn's modbus"        },
+        {"INT16SM",       "T=SM16, the same in asyn's modbus"         },
         {"INT32_LE",      "T=INT32 W=CDAB, the same in asyn's modbus" },
         {"INT32_BE",      "T=INT32 W=ABCD, the same in asyn's modbus" },
         {"INT32_LE_BS",   "T=INT32 W=DCBA, the same in asyn's modbus" },
@@ -295,7 +297,7 @@ static const char *otherName(const char *name, size_t length)
 
 static int parseT(cursor *c, plcLink *link)
 {
-    char quote[QUOTE_SIZE], types[100];
+    char quote[QUOTE_SIZE], types[120];
     size_t start = c->at;
     const char *hint;
 
@@ -504,12 +506,12 @@ int plcLinkParse(const char *text, plcLink *link, plcLinkError *error)
 static int completeType(plcLink *link, const plcShape *shape, plcLinkError *error)
 {
     const plcType *type = link->type;
-    char types[100];
+    char types[120];
 
     if (!(link->has & plcHasT))
         type = plcTypeFind(shape->defaultType, strlen(shape->defaultType));
     if (type && type->kind & shape->kinds &&
-        (!(type->kind & plcInteger) || type->size <= shape->maxSize)) {
+        (!(type->kind & plcWhole) || type->size <= shape->maxSize)) {
         link->type = type;
         return 0;
     }
@@ -622,7 +624,7 @@ int plcLinkComplete(plcLink *link, const plcShape *shape, size_t length,
     memset(error, 0, sizeof(*error));
     if (completeType(link, shape, error))
         return -1;
-    if (link->type->kind & plcInteger && completeLimits(link, shape, error))
+    if (link->type->kind & plcWhole && completeLimits(link, shape, error))
         return -1;
     if (link->type->kind == plcString && completeString(link, length, error))
         return -1;
