@@ -175,7 +175,7 @@ class Client(threading.Thread):
         now = ca.get_with_metadata(channel, ftype=ca.promote_type(channel, use_time=True), timeout=LIMIT)
         assert now["value"] == value, f"sequence {sequence}: {name} is {now['value']}, put was {value}"
         assert (now["severity"] != 0) == (code != 0), \
-            f"sequence {sequence}: {name} has severity {now['severity']}; the device said {code}"
+            f"sequence {sequence}: {name} has severity {now['severity']}; the device said {code}\n{self.ioc.log[-1500:]}"
 
 
 class Operator:
@@ -221,7 +221,7 @@ def test_random_sequences(new_modbus, new_ioc, complete, writes):
     """random sequences of puts of three clients, complete={complete} writes={writes}: the device gets what device support was given, in its order, and no other; the alarm is that of the last answer"""
     print(f"PLCLINK_SEQUENCES={SEQUENCES} PLCLINK_SEED={SEED}")
     plc = new_modbus()
-    ioc = new_ioc("errlogInit 20000000\n" + plc.configure("", OUTPUTS, timeout=5000) + f"""
+    ioc = new_ioc("errlogInit 20000000\n" + plc.configure("", OUTPUTS, timeout=60000) + f"""
         s7plcSetOption PLC writes {writes}
         s7plcSetOption PLC complete {complete}
         s7plcSetOption PLC log io""", database())
