@@ -9,6 +9,7 @@
 #   configure/setup.sh check   what tests/check/run needs: clang, clang-tidy, cppcheck
 #   configure/setup.sh docs    the same of the tools for the documents
 #   configure/setup.sh fuzz    what tests/fuzz/run needs: clang with libFuzzer
+#   configure/setup.sh machines  what tests/check/machines needs: cross compilers and qemu
 #   configure/setup.sh displays  the same for pictures of displays (tests/displays/run)
 #
 # Debian 12 and 13. What is there already is used; nothing is downloaded twice. Everything
@@ -179,8 +180,14 @@ fuzz() {
     packages build-essential python3 libmodbus-dev clang llvm libclang-rt-dev
 }
 
+machines() {
+    packages build-essential qemu-user-static g++-powerpc-linux-gnu g++-s390x-linux-gnu \
+        g++-arm-linux-gnueabihf
+}
+
 case ${1:-} in
     base) base ;;
+    machines) machines ;;
     fuzz) fuzz ;;
     map) packages python3 ;;
     named) named ;;
@@ -189,5 +196,5 @@ case ${1:-} in
     check) check ;;
     docs) documents ;;
     displays) displays ;;
-    *) die "usage: configure/setup.sh base|map|named|release|python|check|docs|fuzz|displays" ;;
+    *) die "usage: configure/setup.sh base|map|named|release|python|check|docs|fuzz|machines|displays" ;;
 esac

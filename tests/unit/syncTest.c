@@ -386,11 +386,12 @@ static size_t capacity, stored;
 static size_t place(const world *w)
 {
     const unsigned char *p = (const unsigned char *)w;
-    size_t hash = 1469598103934665603u, i;
+    epicsUInt64 hash = 1469598103934665603ull;
+    size_t i;
 
     for (i = 0; i < sizeof(*w); i++)
-        hash = (hash ^ p[i]) * 1099511628211u;
-    for (i = hash % capacity; used[i] && memcmp(&table[i], w, sizeof(*w));
+        hash = (hash ^ p[i]) * 1099511628211ull;
+    for (i = (size_t)(hash % capacity); used[i] && memcmp(&table[i], w, sizeof(*w));
          i = (i + 1) % capacity)
         ;
     return i;

@@ -629,7 +629,7 @@ MAIN(tablesTest)
     singleEvents();
     blocks();
     patience();
-    walk(argc > 1 ? atoi(argv[1]) : 7, 4000000);
+    walk(argc > 1 ? atoi(argv[1]) : 7, 400000);
     arithmetic();
     return testDone();
 }

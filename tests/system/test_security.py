@@ -1,0 +1,164 @@
+"""What docs/security.md says of sockets, of a network that sends anything, and of limits."""
+import os
+import random
+import re
+import socket
+import struct
+import subprocess
+import threading
+
+import pytest
+
+from client import ARCH, TOP
+from ports import free_port
+from waiting import until
+
+DB = 'record(ai, "$(P)v") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT16") field(SCAN, "I/O Intr") }\n'
+EIP_DB = 'record(ai, "$(P)v") { field(DTYP, "EtherIP") field(INP, "@PLC v S .1") field(SCAN, "I/O Intr") }\n'
+
+
+# --- What listens ---------------------------------------------------------------------------------
+def listeners(pid):
+    """Addresses at which a process listens (TCP) or takes datagrams (UDP), as they stand in /proc."""
+    inodes = set()
+    for name in os.listdir(f"/proc/{pid}/fd"):
+        try:
+            inodes.update(re.findall(r"socket:\[(\d+)\]", os.readlink(f"/proc/{pid}/fd/{name}")))
+        except FileNotFoundError:
+            pass
+    found = []
+    for table, state in (("tcp", "0A"), ("tcp6", "0A"), ("udp", "07"), ("udp6", "07")):
+        for line in open(f"/proc/net/{table}").read().splitlines()[1:]:
+            words = line.split()
+            if words[9] in inodes and words[3] == state:
+                found.append((table, words[1].partition(":")[0]))
+    return sorted(found)
+
+
+def address(text):
+    """127.0.0.1 of 0100007F"""
+    return socket.inet_ntoa(struct.pack("<I", int(text, 16)))
+
+
+STATIONS = {
+    "s7plcIoc": "s7plcConfigure PLC, 127.0.0.1, {port}, 8, 8\n"
+                "modbusplcConfigure M, 127.0.0.1, {port}, 1, \"holding 0 4\", \"holding 10 4\"\n",
+    "phoenixIoc": "phoenixplcConfigure PLC, \"127.0.0.1,127.0.0.2\", {port}, 8, 8, 1, 1000, 100, 1\n",
+    "eipIoc": "drvEtherIP_init\ndrvEtherIP_define_PLC PLC, 127.0.0.1:{port}, 0\n",
+}
+
+
+@pytest.mark.parametrize("program", STATIONS)
+def test_driver_listens_on_nothing(new_ioc, new_peer, program):
+    """the driver of {program} opens no port: what listens is that of an IOC without PLCs"""
+    if not (TOP / "bin" / ARCH / program).exists():
+        pytest.skip(f"there is no {program}")
+    bare = new_ioc("", "", program=program)
+    without = listeners(bare.process.pid)
+    assert without  # CA
+    bare.close()
+    peer = new_peer(8, 8)
+    ioc = new_ioc(STATIONS[program].format(port=peer.port), "", program=program)
+    until(lambda: peer.connections, "a connection to the PLC")
+    assert listeners(ioc.process.pid) == without
+
+
+SERVERS = "in = 8\nout = 8\nbyteorder = little\nmodbus_port = 0\netherip_port = 0\ntag T INT\nmodbus holding 0 4 -> in.0\n"
+
+
+@pytest.mark.parametrize("words, where", [((), "127.0.0.1"), (("-a", "0.0.0.0"), "0.0.0.0")],
+                         ids=["by itself", "-a 0.0.0.0"])
+def test_plcsim_listens_on_loopback(new_sim, words, where):
+    """plcSim ({id}) listens with blocks, Modbus and EtherNet/IP there, and nowhere else"""
+    sim = new_sim(SERVERS, *words)
+    found = listeners(sim.process.pid)
+    assert [table for table, _ in found] == ["tcp"] * 3
+    assert {address(text) for _, text in found} == {where}
+
+
+# --- What the network can do ------------------------------------------------------------------------
+class Babbler:
+    """Sends random bytes as fast as they are taken, on each connection up to `most` of them; then
+    the connection ends, and the next one is taken."""
+
+    def __init__(self, most, seed=1):
+        self.random, self.most = random.Random(seed), most
+        self.sent = self.connections = 0
+        self.listener = socket.socket()
+        self.listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self.port = free_port()
+        self.listener.bind(("127.0.0.1", self.port))
+        self.listener.listen(5)
+        self.ends = False
+        self.thread = threading.Thread(target=self.run, daemon=True)
+        self.thread.start()
+
+    def run(self):
+        while not self.ends:
+            try:
+                connection, _ = self.listener.accept()
+            except OSError:
+                return
+            self.connections += 1
+            connection.settimeout(0.5)
+            left = self.most
+            try:
+                while left > 0 and not self.ends:
+                    n = connection.send(self.random.randbytes(min(left, 65536)))
+                    left -= n
+                    self.sent += n
+            except OSError:
+                pass
+            connection.close()
+
+    def close(self):
+        self.ends = True
+        self.listener.shutdown(socket.SHUT_RDWR)
+        self.listener.close()
+        self.thread.join()
+
+
+FLOODS = {
+    "blocks": ("s7plcIoc", "s7plcConfigure PLC, 127.0.0.1, {port}, 64, 8\n", DB),
+    "Modbus": ("s7plcIoc", "modbusplcConfigure PLC, 127.0.0.1, {port}, 1, \"holding 0 100\", \"coils 0 8\"\n", DB),
+    "EtherNet-IP": ("eipIoc", "drvEtherIP_init\ndrvEtherIP_define_PLC PLC, 127.0.0.1:{port}, 0\n", EIP_DB),
+}
+
+
+@pytest.mark.parametrize("wire", FLOODS)
+def test_random_bytes(new_ioc, closing, wire):
+    """random bytes without end, over {wire}: the IOC answers, memory and log do not grow with them"""
+    program, configure, db = FLOODS[wire]
+    if not (TOP / "bin" / ARCH / program).exists():
+        pytest.skip(f"there is no {program}")
+    babbler = Babbler(4 << 20)
+    closing(babbler)
+    ioc = new_ioc(configure.format(port=babbler.port), db, program=program)
+    until(lambda: babbler.connections >= 8, lambda: f"8 connections, not {babbler.connections}", 120)
+    memory, lines = ioc.memory(), len(ioc.lines)
+    until(lambda: babbler.connections >= 16, lambda: f"16 connections, not {babbler.connections}", 120)
+    ioc.severity("v")  # it answers
+    assert ioc.memory() < memory + 4e6
+    # one line for the beginning and the end of a connection; repeats are not told
+    assert len(ioc.lines) - lines <= 2 * 8
+
+
+# --- Limits -----------------------------------------------------------------------------------------
+def test_limits():
+    """each constant in the table of docs/security.md stands where the table says"""
+    folders = [TOP / "s7plcApp/src", TOP / "s7plcApp", TOP / "plcSim", TOP]
+    rows = re.findall(r"^\|[^|]*\|[^|]*\| (`.*) \|$", (TOP / "docs/security.md").read_text(), re.M)
+    checked = 0
+    for row in rows:
+        names, last = [], None
+        for word in re.findall(r"`([^`]+)`", row):
+            if "." not in word:
+                names.append(word)
+                continue
+            file = next((f / word for f in folders if (f / word).exists()), last and last.parent / word)
+            assert file and file.exists(), (row, word)
+            assert all(name in file.read_text() for name in names), (row, word)
+            checked += len(names)
+            names, last = [], file
+        assert not names, row
+    assert checked > 15
