@@ -27,7 +27,7 @@ static void received(void *pvt, const void *block)
     plcAsynPort *port = pvt;
 
     plcAsynTraceBytes(port->trace, ASYN_TRACEIO_DRIVER, block,
-                      plcStationInSize(port->station), "in");
+                      plcImageSize(plcStationInput(port->station)), "in");
 }
 
 static void delivered(void *pvt, const void *block, const epicsTimeStamp *stamp)
@@ -36,7 +36,7 @@ static void delivered(void *pvt, const void *block, const epicsTimeStamp *stamp)
     int running = epicsAtomicGetIntT(&port->running);
 
     epicsMutexMustLock(port->arrived);
-    memcpy(port->newest, block, plcStationInSize(port->station));
+    memcpy(port->newest, block, plcImageSize(plcStationInput(port->station)));
     port->newestStamp = *stamp;
     port->coalesced += running && port->fresh;
     port->fresh = 1;
@@ -51,7 +51,7 @@ static void sent(void *pvt, const void *block)
     plcAsynPort *port = pvt;
 
     plcAsynTraceBytes(port->trace, ASYN_TRACEIO_DRIVER, block,
-                      plcStationOutSize(port->station), "out");
+                      plcImageSize(plcStationOutput(port->station)), "out");
     plcWakeUp(&port->wake); /* other records may have changed the output image */
 }
 

@@ -22,7 +22,7 @@
 #include <epicsExport.h>
 
 enum {
-    imageSize = 65536,
+    imageSize = 524288,
     imageSizeMax = 16 << 20,
     defaultTimeout = 2000, /* ms */
     timeoutMin = 10,

@@ -185,7 +185,7 @@ size_t eipPlacesUsed(eipPlaces *p)
     return used;
 }
 
-int eipPlacesWants(eipPlaces *p, int always, eipWant **wants, unsigned *count)
+int eipPlacesWants(eipPlaces *p, int always, eipWant **wants, unsigned *count, size_t *used)
 {
     ELLNODE *node, *each;
     int changed;
@@ -194,6 +194,7 @@ int eipPlacesWants(eipPlaces *p, int always, eipWant **wants, unsigned *count)
     changed = p->changed || always;
     p->changed = 0;
     *count = 0;
+    *used = p->used;
     *wants = changed ? callocMustSucceed((size_t)ellCount(&p->list) + 1, sizeof(**wants),
                                          "eipPlaces")
                      : NULL;

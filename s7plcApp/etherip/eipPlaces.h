@@ -30,7 +30,7 @@ size_t eipPlaceRoom(const eipPlace *place);   /* bytes */
 size_t eipPlacesUsed(eipPlaces *places);
 
 /* All that is wanted now, allocated, with its texts. Returns 1 when it is another set than
- * the last time, or `always`; else 0. */
-int eipPlacesWants(eipPlaces *places, int always, eipWant **wants, unsigned *count);
+ * the last time, or `always`; else 0. *used: bytes of the images. */
+int eipPlacesWants(eipPlaces *places, int always, eipWant **wants, unsigned *count, size_t *used);
 
 #endif /* INC_eipPlaces_H */

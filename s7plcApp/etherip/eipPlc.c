@@ -68,9 +68,10 @@ static void tellWants(eipPlc *plc)
 {
     eipWant *wants;
     unsigned count;
+    size_t used;
 
-    if (eipPlacesWants(plc->places, 0, &wants, &count))
-        eipWorkerWant(plc->worker, wants, count);
+    if (eipPlacesWants(plc->places, 0, &wants, &count, &used))
+        eipWorkerWant(plc->worker, wants, count, used);
 }
 
 /* --- The transport ------------------------------------------------------------------------- */
@@ -141,6 +142,11 @@ static void down(void *pvt)
     eipWorkerStop(((eipPlc *)pvt)->worker);
 }
 
+static size_t used(void *pvt)
+{
+    return eipPlacesUsed(((eipPlc *)pvt)->places);
+}
+
 static int news(void *pvt, plcNews *n, void *input, void *output)
 {
     eipPlc *plc = pvt;
@@ -192,6 +198,7 @@ const plcTransport eipTransport = {
     .options = options,
     .up = up,
     .down = down,
+    .used = used,
     .news = news,
     .put = put,
     .report = report,

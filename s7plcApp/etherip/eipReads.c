@@ -163,11 +163,12 @@ static void publish(eipWorker *w, epicsUInt64 now)
     w->published = now;
     if (!eipWorkerEnter(w))
         return;
-    memcpy(w->inNews, w->in, w->setup.inSize);
+    memcpy(w->inNews, w->in, w->used);
+    w->newsUsed = w->used;
     epicsTimeGetCurrent(&w->news.stamp);
     w->news.blocks++;
     if (w->setup.outSize && !w->firstTurn) {
-        memcpy(w->outNews, w->in, w->setup.outSize);
+        memcpy(w->outNews, w->in, w->used);
         /* What waits is newer than what was read. */
         plcImagePutsWaiting(w->setup.out, w->outNews, NULL);
         w->news.shown = 1;

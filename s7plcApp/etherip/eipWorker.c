@@ -128,13 +128,14 @@ void eipWorkerSetConnect(eipWorker *w, const eipConnectOptions *connect)
     epicsMutexUnlock(w->lock);
 }
 
-void eipWorkerWant(eipWorker *w, eipWant *wants, unsigned count)
+void eipWorkerWant(eipWorker *w, eipWant *wants, unsigned count, size_t used)
 {
     epicsMutexMustLock(w->lock);
     freeWants(w);
     w->wants = wants;
     w->wantCount = count;
     w->newWants = 1;
+    w->newUsed = used;
     epicsMutexUnlock(w->lock);
     plcWakeUp(&w->wake);
 }
@@ -204,9 +205,9 @@ int eipWorkerTake(eipWorker *w, plcNews *news, void *input, void *output)
     has = w->hasNews;
     *news = w->news;
     if (news->blocks)
-        memcpy(input, w->inNews, w->setup.inSize);
+        memcpy(input, w->inNews, w->newsUsed);
     if (news->shown)
-        memcpy(output, w->outNews, w->setup.outSize);
+        memcpy(output, w->outNews, w->newsUsed);
     if (w->moreLog)
         epicsSnprintf(news->log + strlen(news->log), sizeof(news->log) - strlen(news->log),
                       " (and %u more)", w->moreLog);
@@ -325,7 +326,7 @@ static void takeSocket(eipWorker *w)
     w->open = w->taught = 0;
     w->lost[0] = 0;
     w->asking = eipAskOther;
-    memset(w->leaving, 0, w->setup.outSize);
+    memset(w->leaving, 0, w->used);
     eipConnectBegin(&w->connect, (epicsUInt32)epicsMonotonicGet());
 }
 
@@ -377,12 +378,11 @@ static void giveUp(eipWorker *w)
     if (!w->lost[0])
         strcpy(w->lost, "connection lost");
     if (eipWorkerEnter(w)) {
-        memset(w->waiting, 0, w->setup.outSize);
+        memset(w->waiting, 0, w->used);
         plcImagePutsWaiting(w->setup.out, NULL, w->waiting);
-        for (i = 0; i < w->setup.outSize; i++)
+        for (i = 0; i < w->used; i++)
             w->leaving[i] |= w->waiting[i];
-        w->news.outFaults |= plcFaultsSet(w->setup.outFaults, 0, w->setup.outSize,
-                                          w->leaving, w->lost);
+        w->news.outFaults |= plcFaultsSet(w->setup.outFaults, 0, w->used, w->leaving, w->lost);
         w->news.lost = 1;
         strcpy(w->news.why, w->lost);
         w->state.connected = 0;
@@ -422,6 +422,7 @@ static void takeOrders(eipWorker *w)
         w->wants = NULL;
         w->wantCount = 0;
         w->newWants = 0;
+        w->used = w->newUsed;
     }
     epicsMutexUnlock(w->lock);
     if (!fresh)

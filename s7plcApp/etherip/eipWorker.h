@@ -55,8 +55,9 @@ void eipWorkerSetOptions(eipWorker *w, const eipWorkerOptions *options);
 /* From the next connection on. */
 void eipWorkerSetConnect(eipWorker *w, const eipConnectOptions *connect);
 
-/* What is wanted from now on; the worker takes `wants` and their texts over. */
-void eipWorkerWant(eipWorker *w, eipWant *wants, unsigned count);
+/* What is wanted from now on; the worker takes `wants` and their texts over. `used`: their
+ * places lie in so many bytes of the images. */
+void eipWorkerWant(eipWorker *w, eipWant *wants, unsigned count, size_t used);
 
 /* The connection is up / is to be given up: see plcTransport.h. */
 void eipWorkerStart(eipWorker *w, SOCKET socket);

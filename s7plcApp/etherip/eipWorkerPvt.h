@@ -89,6 +89,7 @@ struct eipWorker {
     eipWant *wants; /* NULL with newWants: none */
     unsigned wantCount;
     int newWants;
+    size_t newUsed, newsUsed;
     int mayWrite; /* there are puts in the output image */
     int busy; /* a request is under way */
     plcNews news;
@@ -118,6 +119,7 @@ struct eipWorker {
     eipLimits limits;
     epicsUInt8 *frame, *message, *assembly;
     size_t assemblyRoom;
+    size_t used;                 /* bytes of the images in use */
     epicsUInt8 *in;              /* the image as the PLC has it */
     epicsUInt8 *leaving, *values; /* bits of puts that are being written */
     epicsUInt8 *waiting;         /* bits of puts: for a moment */

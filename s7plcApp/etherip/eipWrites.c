@@ -321,7 +321,7 @@ static unsigned takeTogether(eipWorker *w, taken *t)
     t->count = 0;
     if (!eipWorkerEnter(w))
         return 0;
-    memset(w->leaving, 0, w->setup.outSize);
+    memset(w->leaving, 0, w->used);
     if (w->mayWrite)
         count = plcImageTakePuts(w->setup.out, joins, t, w->values, w->leaving);
     if (!count)

@@ -693,6 +693,38 @@ def test_few_requests(plant):
     until(lambda: "read in 4 parts by 1 requests" in plant.ioc.command("drvEtherIP_report 1"))
 
 
+def test_many_tags(plant):
+    """10,000 tags need no option; links that change at run time find room behind them"""
+    count = 10000
+    plant.tags(*(f"tag T{n} DINT = {n}" for n in range(count)), "tag Late DINT[20] = 9")
+    plant.records(*(rec("longin", f"t{n}", f"T{n} S 1") for n in range(count)),
+                  rec("longout", "o", "T7 S 1"), *(rec("longin", f"late{n}", "T0 S 0.1") for n in range(20)))
+    for n in (count - 1, count // 2, 0):
+        plant.ioc.wait_value(f"t{n}", n)
+    assert re.search(r"in 1600\d\d bytes", plant.ioc.command("drvEtherIP_report 0"))
+    for n in range(20):
+        plant.ioc.put(f"late{n}.INP", f"@P Late[{n}] S 0.1")
+    plant.set("Late[19]", 77)
+    plant.ioc.wait_value("late19", 77)
+    plant.ioc.wait_value("late0", 9)
+    plant.ioc.put("o.OUT", "@P Late[3] S 0.1")
+    plant.ioc.put("o", 33)
+    plant.wait_tag("Late[3]", "33")
+    plant.ioc.wait_value("late3", 33)
+    assert plant.ioc.severity(f"t{count - 1}") == plant.ioc.severity("o") == "NO_ALARM"
+
+
+def test_image_full(plant):
+    """A record that finds no room says so, and how much is allowed"""
+    plant.tags("tag A DINT[9] = 4")
+    plant.records(before="", configure='etheripConfigure("Q", "127.0.0.1:{port}", 0, "image=64")',
+                  *[rec("longin", f"a{n}", f"A[{n}] S 0.1").replace("@P", "@Q") for n in range(5)])
+    plant.ioc.wait_value("a3", 4)
+    plant.ioc.process_record("a4")
+    assert plant.ioc.alarm("a4")[:2] == ("INVALID", "LINK")
+    assert "the image of Q is full: 64 bytes; allowed: more by etheripConfigure image=bytes" in plant.ioc.log
+
+
 # --- Commands -----------------------------------------------------------------------------
 
 def test_commands(plant):

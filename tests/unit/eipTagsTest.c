@@ -863,6 +863,7 @@ static void testPlaces(void)
     eipWant text = {.tag = "A", .count = 1, .kind = eipTextPlace, .room = 41};
     eipPlace *first = eipPlacesGet(p, &a, 500, 0), *second, *third;
     eipWant *w;
+    size_t used;
     unsigned n, i;
 
     testOk(first && eipPlaceOffset(first) == 0 && eipPlaceRoom(first) == 16, "a place of 16");
@@ -870,23 +871,23 @@ static void testPlaces(void)
     second = eipPlacesGet(p, &b, 1000, 1);
     testOk(second && eipPlaceOffset(second) == 16, "another for another");
     testOk(!eipPlacesGet(p, &text, 100, 0), "none where there is no room");
-    testOk(eipPlacesWants(p, 0, &w, &n) == 1 && n == 2 && w[0].period == 100 && !w[0].shared &&
+    testOk(eipPlacesWants(p, 0, &w, &n, &used) == 1 && n == 2 && w[0].period == 100 && !w[0].shared &&
                w[0].fresh && w[1].period == 1000,
            "wishes have the shortest period of those who have them");
     for (i = 0; i < n; i++)
         free(w[i].tag);
     free(w);
-    testOk(eipPlacesWants(p, 0, &w, &n) == 0, "and are told once");
+    testOk(eipPlacesWants(p, 0, &w, &n, &used) == 0, "and are told once");
     eipPlacesLeave(p, first, 100, 1);
     eipPlacesGet(p, &b, 1000, 1);
-    testOk(eipPlacesWants(p, 0, &w, &n) == 1 && w[0].period == 500 && w[1].shared &&
+    testOk(eipPlacesWants(p, 0, &w, &n, &used) == 1 && w[0].period == 500 && w[1].shared &&
                !w[0].fresh,
            "one has left: the period is that of the other");
     for (i = 0; i < n; i++)
         free(w[i].tag);
     free(w);
     eipPlacesLeave(p, first, 500, 0);
-    testOk(eipPlacesWants(p, 0, &w, &n) == 1 && n == 1, "nobody wants it any more");
+    testOk(eipPlacesWants(p, 0, &w, &n, &used) == 1 && n == 1, "nobody wants it any more");
     for (i = 0; i < n; i++)
         free(w[i].tag);
     free(w);

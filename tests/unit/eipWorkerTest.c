@@ -347,7 +347,7 @@ static void begin(void)
     plcImageKeepPuts(station.setup.out, 100);
     station.worker = eipWorkerCreate(&station.setup, &connect);
     eipWorkerSetOptions(station.worker, &options);
-    eipWorkerWant(station.worker, wants(), tagCount);
+    eipWorkerWant(station.worker, wants(), tagCount, imageSize);
     eipWorkerBegin(station.worker);
     dial();
 }

@@ -34,7 +34,7 @@ struct plcImage {
     word *words[2]; /* atomic; the stamp of the block, then its bytes */
     word blocks;    /* atomic */
     int valid;      /* atomic */
-    size_t size;
+    size_t size;    /* atomic, written with the lock held, by the thread that publishes */
     int dirty;      /* atomic; changed while the lock is held */
     epicsMutexId lock; /* guards the rest */
     int closed;                   /* writes are refused */
@@ -81,7 +81,16 @@ void plcImageDestroy(plcImage *image)
 
 size_t plcImageSize(const plcImage *image)
 {
-    return image->size;
+    return __atomic_load_n(&image->size, __ATOMIC_RELAXED);
+}
+
+void plcImageUse(plcImage *image, size_t size)
+{
+    epicsMutexMustLock(image->lock);
+    __atomic_store_n(&image->size, size, __ATOMIC_RELAXED);
+    if (image->puts)
+        plcPutsUse(image->puts, size);
+    epicsMutexUnlock(image->lock);
 }
 
 /* The bytes that others see. By the thread that publishes, or with the lock held. */

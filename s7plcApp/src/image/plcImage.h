@@ -24,6 +24,10 @@ plcImage *plcImageCreate(size_t size);
 void plcImageDestroy(plcImage *image);
 size_t plcImageSize(const plcImage *image);
 
+/* Only its first bytes are in use, at most those that it was made with: the others are neither
+ * published nor taken until this rises. By the thread that publishes. */
+void plcImageUse(plcImage *image, size_t size);
+
 /* --- Input: the station publishes, records read ------------------------------------- */
 
 /* Copies `length` bytes at `offset` to `dst`; all of them are of one block. The caller

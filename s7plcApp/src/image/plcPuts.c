@@ -37,6 +37,11 @@ plcPuts *plcPutsCreate(size_t size, unsigned most)
     return p;
 }
 
+void plcPutsUse(plcPuts *p, size_t size)
+{
+    p->size = size;
+}
+
 void plcPutsDestroy(plcPuts *p)
 {
     if (!p)

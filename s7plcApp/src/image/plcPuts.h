@@ -29,6 +29,8 @@ typedef struct plcPut {
 /* For an image of `size` bytes. More than `most` puts are not kept in their order: of each
  * place the newest remains, and what is dropped is counted. */
 plcPuts *plcPutsCreate(size_t size, unsigned most);
+/* Only so many bytes of the image are in use, at most those that it was made for. */
+void plcPutsUse(plcPuts *puts, size_t size);
 void plcPutsDestroy(plcPuts *puts);
 
 /* edges: 1: the PLC shall see this value, and the one before it. Returns the number of the

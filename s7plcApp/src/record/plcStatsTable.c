@@ -204,13 +204,13 @@ GETTER(doSend)
 GETTER(getInSize)
 {
     (void)row, (void)stats;
-    value->integer = (epicsInt64)plcStationInSize(station);
+    value->integer = (epicsInt64)plcImageSize(plcStationInput(station));
 }
 
 GETTER(getOutSize)
 {
     (void)row, (void)stats;
-    value->integer = (epicsInt64)plcStationOutSize(station);
+    value->integer = (epicsInt64)plcImageSize(plcStationOutput(station));
 }
 
 /* --- The table --------------------------------------------------------------------------*/

@@ -100,7 +100,7 @@ plcScan *plcScanCreate(size_t blockSize, plcScanDone *done, void *pvt)
     int prio;
 
     scan->lock = epicsMutexMustCreate();
-    scan->blockSize = blockSize;
+    scan->blockSize = scan->used = blockSize;
     scan->done = done;
     scan->pvt = pvt;
     for (prio = 0; prio < NUM_CALLBACK_PRIORITIES; prio++) {
@@ -171,6 +171,14 @@ double plcScanHeld(plcScan *scan)
     ms = (double)scan->held / 1e6;
     epicsMutexUnlock(scan->lock);
     return ms;
+}
+
+void plcScanUse(plcScan *scan, size_t size)
+{
+    epicsMutexMustLock(scan->lock);
+    scan->used = size;
+    scan->indexOld = 1;
+    epicsMutexUnlock(scan->lock);
 }
 
 /* The group for these bytes; a new one when there is none. Lock held. */

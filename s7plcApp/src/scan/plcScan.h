@@ -26,6 +26,9 @@ typedef void plcScanDone(void *pvt, epicsUInt64 requested);
  * do not block; none calls done() itself (but see plcScanHere). */
 plcScan *plcScanCreate(size_t blockSize, plcScanDone *done, void *pvt);
 
+/* Only the first bytes of a block are in use, at most blockSize: others never change. */
+void plcScanUse(plcScan *scan, size_t size);
+
 /* For unit tests: no record is in the lists any more and no pass runs. The lists
  * themselves are Base's: testdbCleanup frees them. */
 void plcScanDestroy(plcScan *scan);

@@ -29,10 +29,16 @@ static entry entryOf(group *g)
     return e;
 }
 
+/* Others cannot be touched. */
+static int isUsed(const plcScan *scan, const group *g)
+{
+    return g->offset + g->length <= scan->used;
+}
+
 /* Counts the groups of each word, then fills them in behind each other. */
 PLC_COLD static void buildIndex(plcScan *scan)
 {
-    size_t numWords = scan->blockSize / WORD + 1;
+    size_t numWords = scan->used / WORD + 1;
     size_t i, w;
 
     free(scan->wordStart);
@@ -45,6 +51,8 @@ PLC_COLD static void buildIndex(plcScan *scan)
     for (i = 0; i < scan->numGroups; i++) {
         group *g = scan->groups[i];
 
+        if (!isUsed(scan, g))
+            continue;
         if (g->length > WIDE)
             scan->wide[scan->numWide++] = entryOf(g);
         else if (g->length)
@@ -58,7 +66,7 @@ PLC_COLD static void buildIndex(plcScan *scan)
     for (i = 0; i < scan->numGroups; i++) {
         group *g = scan->groups[i];
 
-        if (g->length && g->length <= WIDE)
+        if (isUsed(scan, g) && g->length && g->length <= WIDE)
             for (w = firstWord(g); w <= lastWord(g); w++)
                 scan->entries[scan->wordStart[w + 1]++] = entryOf(g);
     }
@@ -132,8 +140,8 @@ PLC_HOT void plcScanTouch(plcScan *scan, const char *before, const char *after)
 
     if (scan->indexOld)
         buildIndex(scan);
-    for (at = 0; at < scan->blockSize; at += CHUNK) {
-        size_t length = scan->blockSize - at < CHUNK ? scan->blockSize - at : CHUNK;
+    for (at = 0; at < scan->used; at += CHUNK) {
+        size_t length = scan->used - at < CHUNK ? scan->used - at : CHUNK;
 
         if (memcmp(before + at, after + at, length) == 0)
             continue;

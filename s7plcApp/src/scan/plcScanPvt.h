@@ -93,6 +93,7 @@ typedef struct part {
 struct plcScan {
     epicsMutexId lock;
     size_t blockSize;
+    size_t used; /* bytes of it that may change */
     plcScanDone *done;
     void *pvt;
     int byRange;

@@ -27,7 +27,7 @@ static int viewOpen(view *v, plcStation *s, int output, FILE *file)
     memset(v, 0, sizeof(*v));
     v->file = file;
     v->output = output;
-    v->size = output ? plcStationOutSize(s) : plcStationInSize(s);
+    v->size = plcImageSize(output ? plcStationOutput(s) : plcStationInput(s));
     v->owners = plcOwnersCopy(plcStationOwners(s), output, &v->count);
     v->bytes = malloc(v->size + 1);
     if (!v->owners || !v->bytes)

@@ -106,8 +106,8 @@ void plcStationReport(plcStation *s, FILE *file, int level)
     fprintf(file, "  %s %s: %s", s->name, address, plcStateName(st.state));
     if (st.state != plcStateOk && reason[0])
         fprintf(file, " (%s)", reason);
-    fprintf(file, ", in %u bytes, out %u bytes, %s endian%s\n", (unsigned)s->inSize,
-            (unsigned)s->outSize, s->bigEndian ? "big" : "little", wordsText(s->order));
+    fprintf(file, ", in %u bytes, out %u bytes, %s endian%s\n",
+            (unsigned)plcImageSize(s->in), (unsigned)plcImageSize(s->out), s->bigEndian ? "big" : "little", wordsText(s->order));
     if (s->policy->report)
         s->policy->report(s->policyPvt, file, level);
     if (level < 1)

@@ -36,6 +36,11 @@ void plcExchangeCreate(plcStation *s, unsigned line)
     x->mask = x->image + s->outSize;
     if (x->transport->takesPuts)
         s->options.holdoff = 0; /* what comes while a request is under way gathers anyway */
+    if (x->transport->used) {
+        plcImageUse(s->in, 0);
+        plcImageUse(s->out, 0);
+        plcScanUse(s->inScan, 0);
+    }
     s->exchange = x;
 }
 
@@ -79,16 +84,21 @@ void plcExchangeOptions(plcStation *s)
  * freed; NULL when no record needs it. */
 static epicsUInt8 *wholeValues(plcStation *s, int output)
 {
-    size_t count, i, byte;
+    size_t count, i, byte, size = plcImageSize(output ? s->out : s->in);
     plcOwner *owners = plcOwnersCopy(s->owners, output, &count);
     epicsUInt8 *whole = NULL;
 
     if (count)
-        whole = callocMustSucceed(1, (output ? s->outSize : s->inSize) + 1, "wholeValues");
-    for (i = 0; i < count; i++)
-        for (byte = 1; owners[i].type->size > 1 && byte < owners[i].length; byte++)
-            if (byte % owners[i].type->size)
-                whole[owners[i].offset + byte] = 1;
+        whole = callocMustSucceed(1, size + 1, "wholeValues");
+    for (i = 0; i < count; i++) {
+        const plcOwner *o = &owners[i];
+
+        if (o->offset + o->length > size) /* one that has just come: the next time */
+            continue;
+        for (byte = 1; o->type->size > 1 && byte < o->length; byte++)
+            if (byte % o->type->size)
+                whole[o->offset + byte] = 1;
+    }
     free(owners);
     return whole;
 }
@@ -109,12 +119,27 @@ static void tellWhole(plcStation *s, int isUp)
     free(out);
 }
 
+/* A transport with places that are given away one by one uses more of the images. */
+static void growWhenUsed(plcStation *s)
+{
+    plcExchange *x = s->exchange;
+    size_t used = x->transport->used ? x->transport->used(x->pvt) : 0;
+
+    if (used <= x->used)
+        return;
+    x->used = used;
+    plcImageUse(s->in, used);
+    plcImageUse(s->out, used);
+    plcScanUse(s->inScan, used);
+}
+
 /* Not before all records are there: the worker must know where values lie, or it would cut
  * one. */
 static void startWhenReady(plcStation *s)
 {
     plcExchange *x = s->exchange;
 
+    growWhenUsed(s);
     if (x->sign && x->owners != plcOwnersChanges(s->owners))
         tellWhole(s, 1);
     if (!x->waiting || !epicsAtomicGetIntT(&s->ready))
@@ -160,7 +185,7 @@ void plcExchangeLost(plcStation *s, const char *why)
     plcExchange *x = s->exchange;
 
     plcImagePutsWaiting(s->out, x->image, x->mask);
-    if (plcFaultsSet(s->outFaults, 0, s->outSize, x->mask, why))
+    if (plcFaultsSet(s->outFaults, 0, plcImageSize(s->out), x->mask, why))
         plcInputFollow(s, 0);
 }
 
@@ -243,10 +268,10 @@ static void forgetFaults(plcStation *s, const char *shown)
     plcExchange *x = s->exchange;
     size_t i;
 
-    plcImagePeek(s->out, 0, s->outSize, x->image);
-    for (i = 0; i < s->outSize; i++)
+    plcImagePeek(s->out, 0, plcImageSize(s->out), x->image);
+    for (i = 0; i < plcImageSize(s->out); i++)
         x->mask[i] = (char)~(x->image[i] ^ shown[i]);
-    plcFaultsClear(s->outFaults, 0, s->outSize, x->mask);
+    plcFaultsClear(s->outFaults, 0, plcImageSize(s->out), x->mask);
 }
 
 /* The outputs as the PLC holds them, on a new connection: outputs with a read-back
@@ -375,7 +400,7 @@ static void takeAll(plcStation *s)
 {
     plcExchange *x = s->exchange;
 
-    memset(x->mask, 0, s->outSize);
+    memset(x->mask, 0, plcImageSize(s->out));
     while (plcImageTakePuts(s->out, always, NULL, x->image, x->mask))
         plcImagePutsDone(s->out);
 }
@@ -411,7 +436,7 @@ void plcExchangeOutputStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
         x->transport->put(x->pvt, x->image, x->mask);
     }
     if (s->listener && s->listener->sent) {
-        plcImagePeek(s->out, 0, s->outSize, x->image);
+        plcImagePeek(s->out, 0, plcImageSize(s->out), x->image);
         s->listener->sent(s->listenerPvt, x->image);
     }
     if (!x->ordered)

@@ -472,7 +472,7 @@ PLC_HOT void plcInputBlock(plcStation *s, const void *block, epicsTimeStamp stam
     epicsUInt64 wake = PLC_NEVER;
 
     if (plcStationTraces(s, PLC_TRACE_BLOCKS))
-        plcStationTraceBlock(s, "in", block, s->inSize);
+        plcStationTraceBlock(s, "in", block, plcImageSize(s->in));
     if (s->listener && s->listener->received)
         s->listener->received(s->listenerPvt, block);
     epicsMutexMustLock(s->lock);
@@ -493,7 +493,7 @@ PLC_HOT void plcInputBlock(plcStation *s, const void *block, epicsTimeStamp stam
     if (mayDeliver(s, now, &wake)) {
         deliver(s, block, &stamp, now);
     } else {
-        memcpy(s->held, block, s->inSize);
+        memcpy(s->held, block, plcImageSize(s->in));
         s->heldStamp = stamp;
         s->holding = 1;
     }

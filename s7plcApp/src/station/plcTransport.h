@@ -137,8 +137,12 @@ typedef struct plcTransport {
     /* The connection is to be given up: no news of it comes any more. */
     void (*down)(void *pvt);
 
-    /* Fetches the news. *input and *output, of inSize and outSize bytes, are filled when
-     * blocks or shown are not 0. Returns 0 when there is none. */
+    /* Images of which the first bytes only are in use: how many, of both; never less than before.
+     * Images are as long, up to inSize and outSize. NULL: all of them. */
+    size_t (*used)(void *pvt);
+
+    /* Fetches the news. *input and *output, as long as the images, are filled when blocks or
+     * shown are not 0. Returns 0 when there is none. */
     int (*news)(void *pvt, plcNews *news, void *input, void *output);
 
     /* With takesPuts: there are puts in the output image; image and mask are NULL. Without: puts
