@@ -11,6 +11,9 @@
 
 /* --- Reading ----------------------------------------------------------------------------------- */
 
+/* The controller has BOOL[n] as n bytes, not packed into DINTs. */
+static const char noBits[] = "each BOOL is an element: E in the link";
+
 static long noValue(dbCommon *prec)
 {
     recGblSetSevrMsg(prec, READ_ALARM, INVALID_ALARM, "the tag has not been read yet");
@@ -49,6 +52,10 @@ long devEipFetch(dbCommon *prec, eipNumber *number)
     if (plcImageRead(dev->image, eipOf(dev)->at, sizeof(cell), cell, NULL) ||
         (!cell[0] && !cell[1]))
         return noValue(prec);
+    if (eipOf(dev)->counted && eipGetUnsigned(cell, 2) == eipBool) {
+        recGblSetSevrMsg(prec, READ_ALARM, INVALID_ALARM, noBits);
+        return -1;
+    }
     bits = eipGetUnsigned(cell + eipPlaceHead, 8);
     number->kind = (eipKind)cell[eipPlaceKindAt];
     if (dev->mask && number->kind != eipReal) {
@@ -177,6 +184,8 @@ long devEipStore(dbCommon *prec, const eipNumber *number)
     type = devEipType(dev);
     if (dev->mask) {
         bits = (epicsUInt64)number->u.integer << eipOf(dev)->shift & dev->mask;
+        if (type && type->code == eipBool && eipOf(dev)->counted)
+            return devEipRefuse(prec, "%s", noBits);
         if (type && type->size && type->code != eipBool && dev->mask >> (8 * type->size - 1) > 1)
             return devEipRefuse(prec, "%s has no such bits", type->name);
         if (eipOf(dev)->second && storeSecond(prec, dev, (epicsUInt64)number->u.integer))

@@ -18,6 +18,7 @@ typedef struct devEip {
     size_t at;            /* of the place in both images, bytes */
     size_t room;          /* of the place, bytes */
     epicsUInt32 elements; /* of an array */
+    int counted;          /* an index that counts bits led to it: not one of single BOOLs */
     unsigned shift;       /* of the bits that are the record's own; all: dev->mask is 0 */
     epicsUInt64 across;   /* bits that lie in two elements; 0: they do not. Inputs: the place
                            * is an array of two */

@@ -178,6 +178,7 @@ static int takeCell(dbCommon *prec, devRecord *dev, eipLink *link, unsigned bits
     if (link->bit >= 0 && !bits)
         bits = 1;
     if (link->bit < 0 && link->hasIndex && bits && !link->alone) {
+        own->counted = link->index > 0;
         link->bit = (int)(link->index & 31);
         link->index >>= 5;
     }

@@ -304,6 +304,51 @@ def test_structures(plant):
 
 
 # --- What others have wrong ---------------------------------------------------------------
+#
+# What ether_ip 3.10 was seen to do, and the test that shows it done right here:
+#
+#  1  one refused service ends the connection        test_nobody_is_hurt
+#  2  mbbi without B: bits shifted                   test_multibit
+#  3  mbbo without B: other bits written             test_multibit
+#  4  sign and size of SINT, UINT                    test_integers, test_every_type
+#  5  a UINT gets bytes of an old frame              test_integers, test_does_not_fit
+#  6  USINT, UDINT, LINT: INVALID, a line each scan  test_integers
+#  7  FORCE with REAL writes for ever                test_follow_and_force, test_reals
+#  8  an index beyond the array hurts the others     test_nobody_is_hurt
+#  9  puts just before a loss, puts while away       test_away, test_put_callback
+# 10  arrays longer than the buffer                  test_arrays
+# 11  one element put, all of them written           test_single_elements, test_bits
+# 12  strings by length, two of an array             test_string_arrays, test_strings
+# 13  a missing tag is never asked for again         test_retry
+# 14  a[1,2] is taken as a[1]                        test_arrays
+# 15  who asks waits for the network                 test_nobody_waits
+# 16  answers and names unchecked                    test_lies; unit: eipFrameTest, eipWorkerTest
+# 17  a jump of the clock stops the reads            (all waits are monotonic: plcWake, eipSocket)
+# 18  links that change to tags nobody used          test_new_link
+# 19  puts with a periodic SCAN are lost             test_puts_from_periodic_scan
+# 20  bytes of other frames behind a text            test_string_arrays
+
+def test_nobody_waits(plant):
+    """While the PLC is silent, links change, reports are printed, records process: nothing waits for it"""
+    plant.tags("tag A DINT = 1", "tag B DINT = 2")
+    plant.records(rec("longin", "a", "A S 0.02"), rec("longin", "b", "B S 0.02"), rec("longout", "o", "B S 0.02"),
+                  before="EIP_timeout(60000)")
+    plant.ioc.wait_value("a", 1)
+    until(lambda: plant.ioc.severity("o") == "NO_ALARM")
+    plant.sim.command("etherip silent")
+    plant.ioc.put("o", 5, wait=False)
+    plant.ioc.put("a.INP", "@P B S 0.02")
+    for command in ("drvEtherIP_report 6", "drvEtherIP_dump", "dbior drvEtherIP 2", "EIP_timeout 50000",
+                    'drvEtherIP_define_PLC("R", "no.such.host.invalid", 0)'):
+        plant.ioc.command(command)
+    for name in ("a", "b"):
+        plant.ioc.process_record(name)
+    assert "1 made, 0 lost" in plant.ioc.command("drvEtherIP_report 1")  # it is silent still
+    plant.ioc.command("drvEtherIP_restart")
+    plant.sim.command("etherip normal")
+    plant.ioc.wait_value("a", 2)
+    until(lambda: plant.ioc.severity("a") == "NO_ALARM")
+
 
 def test_nobody_is_hurt(plant):
     """A missing tag, an index beyond the end and a hidden tag: only their own records are bad"""
