@@ -160,3 +160,47 @@ def test_to_stdout(tank):
     """convert MAP - prints all sheets, for git"""
     out = plcmap("convert", tank, "-").out
     assert out.startswith("# sheet plc\nkey,value\n") and "# sheet enums\n" in out
+
+
+def test_characters_that_an_encoding_lacks(tmp_path, tank):
+    """A map in cp1252 takes no symbol that cp1252 cannot hold, and stays as it was"""
+    file = tank / "map.csv"
+    file.write_bytes(file.read_text(encoding="utf-8").replace("pieces", "St\u00fcck").encode("cp1252"))
+    before = file.read_bytes()
+    (tmp_path / "x.asc").write_bytes(b"126," + "\u042f".encode("cp1251").ljust(24) + b"MW     20".ljust(12) +
+                                     b"INT".ljust(90) + b"\r\n")
+    result = plcmap("--encoding", "cp1251", "import", tmp_path / "x.asc", "--into", tank)
+    assert result.status == 0, result.err  # the whole map is read in that code page
+    file.write_bytes(before)
+    (tmp_path / "x.xml").write_text('<Tagtable name="T"><Tag type="Int" addr="%MW20">\u042f</Tag></Tagtable>',
+                                    encoding="utf-8")
+    result = plcmap("import", tmp_path / "x.xml", "--into", tank)
+    assert result.status == 1 and 'cp1252 has no "\u042f"; allowed: save the file as UTF-8 first' in result.err
+    assert file.read_bytes() == before
+
+
+def test_failed_write_leaves_the_workbook(tmp_path, tank, monkeypatch):
+    """A workbook that cannot be written whole stays as it was, and nothing lies beside it"""
+    book = tmp_path / "w" / "tank.xlsx"
+    book.parent.mkdir()
+    plcmap("convert", tank, book)
+    before = book.read_bytes()
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+    monkeypatch.setattr("os.replace", full)
+    result = plcmap("convert", "-f", example.write(tmp_path / "b", map=example.MAP + "X,,INT,in,130,,,X\n"), book)
+    assert result.status == 1 and "No space left on device" in result.err
+    assert book.read_bytes() == before and list(book.parent.iterdir()) == [book]
+
+
+def test_written_through_a_link(tmp_path, tank):
+    """A sheet that is a symbolic link stays one, and keeps the mode of its file"""
+    other = tmp_path / "shared.csv"
+    (tank / "map.csv").rename(other)
+    other.write_text(other.read_text().replace("in,54,", "in,,"))
+    other.chmod(0o664)
+    (tank / "map.csv").symlink_to(other)
+    assert plcmap("place", tank).status == 0
+    assert (tank / "map.csv").is_symlink() and "in,54," in other.read_text()
+    assert other.stat().st_mode & 0o777 == 0o664

@@ -4,7 +4,7 @@ import os
 from . import columns
 from .model import Map
 from .problems import Place, Refused
-from .sheets import Sheet, csv_text, read_csv, write_text
+from .sheets import Sheet, csv_text, encoded, read_csv, write_bytes
 
 def is_workbook(path):
     return path.lower().endswith((".xlsx", ".xlsm"))
@@ -56,12 +56,9 @@ def save(map_, path=None):
         os.makedirs(path, exist_ok=True)
     except OSError as e:
         raise Refused(e.strerror or str(e), Place(path)) from None
-    written = []
-    for sheet in sheets:
-        file = os.path.join(path, sheet.name + ".csv")
-        if write_text(file, csv_text(sheet), sheet.encoding):
-            written.append(file)
-    return written
+    files = {os.path.join(path, s.name + ".csv"): s for s in sheets}
+    files = {file: encoded(file, csv_text(s), s.encoding) for file, s in files.items()}
+    return [file for file, data in files.items() if write_bytes(file, data)]
 
 
 def empty(path):

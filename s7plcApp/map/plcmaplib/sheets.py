@@ -7,6 +7,7 @@ import csv
 import io
 import os
 import re
+import shutil
 
 from .problems import Place, Refused
 
@@ -91,6 +92,8 @@ def decode(data, path, report=None, encoding=None):
         except UnicodeDecodeError as e:
             raise Refused("not %s: byte 0x%02X at %d" % (encoding, data[e.start], e.start),
                           Place(path)) from None
+        except ValueError as e:  # of the few that are for other things than files
+            raise Refused("not %s: %s" % (repr(encoding)[1:-1], str(e)[:80]), Place(path)) from None
     try:
         if data.startswith(b"\xef\xbb\xbf"):
             return data[3:].decode("utf-8"), "utf-8-sig"
@@ -203,24 +206,45 @@ def csv_text(sheet, delimiter=None):
     return out.getvalue()
 
 
-def write_text(path, text, encoding="utf-8"):
-    """Writes a file when its content is another; whole or not at all. True: written."""
-    return write_bytes(path, text.encode(encoding, "replace"))
+def encoded(path, text, encoding="utf-8"):
+    """The bytes of a file; Refused where its encoding lacks a character."""
+    try:
+        return text.encode(encoding)
+    except UnicodeEncodeError as e:
+        raise Refused('%s has no "%s"; allowed: save the file as UTF-8 first'
+                      % (encoding, text[e.start]), Place(path)) from None
 
 
 def write_bytes(path, data):
+    """Writes a file when its content is another; whole or not at all, also when two write at
+    the same time. True: written."""
+    path = os.path.realpath(path)
+    part = "%s.%d.part" % (path, os.getpid())
     try:
         if os.path.exists(path):
             with open(path, "rb") as f:
                 if f.read() == data:
                     return False
-        part = "%s.part" % path
         with open(part, "wb") as f:
             f.write(data)
+        if os.path.exists(path):
+            shutil.copymode(path, part)
         os.replace(part, path)
         return True
     except OSError as e:
+        if os.path.exists(part):
+            os.remove(part)
         raise Refused(e.strerror or str(e), Place(path)) from None
+
+
+def one_line(text):
+    """True when there is no line break and no other control character."""
+    return not any(ord(c) < 32 or ord(c) == 127 for c in text)
+
+
+def whole(text):
+    """The number of a cell that has nothing but the digits 0 to 9, or None."""
+    return int(text) if text.isascii() and text.isdigit() else None
 
 
 def number(text, delimiter=","):

@@ -4,9 +4,10 @@ Cells come typed: whole numbers become 4, others 10.1, dates are an error (someb
 and the program made the 1st of February of it), formulas give their last value.
 """
 import datetime
+import io
 
 from .problems import Place, Refused
-from .sheets import clean, sheet_from_rows
+from .sheets import clean, sheet_from_rows, write_bytes
 
 WIDE = {"desc": 30, "note": 30, "symbol": 24, "type": 22, "fields": 20, "states": 20}
 
@@ -176,9 +177,9 @@ def _put(tab, line, number, value):
 
 
 def _save(book, path):
+    held = io.BytesIO()
     try:
-        book.save(path)
-    except OSError as e:
-        raise Refused(e.strerror or str(e), Place(path)) from None
+        book.save(held)
     except Exception as e:  # a character that no workbook can hold
         raise Refused("cannot be written: %s" % str(e)[:120], Place(path)) from None
+    write_bytes(path, held.getvalue())
