@@ -65,6 +65,8 @@ MISTAKES = [
      "map.csv:16:3: type: ", "no array bounds; allowed: such as ARRAY[1..4] OF REAL"),
     ("bounds the wrong way round", map_(("Tank.Profile", "type", "ARRAY[4..0] OF INT")),
      "map.csv:16:3: type: ", "the first must not be greater"),
+    ("arrays of arrays without end", map_(("Tank.Profile", "type", "ARRAY[0..1] OF " * 3000 + "INT")),
+     "map.csv:16:3: type: ", "an array has at most 6 dimensions"),
     ("an array without OF", map_(("Tank.Profile", "type", "ARRAY[0..4] INT")),
      "map.csv:16:3: type: ", "is no array"),
     ("too many elements", map_(("Tank.Profile", "type", "ARRAY[0..70000] OF INT")),
@@ -161,11 +163,19 @@ MISTAKES = [
      "has 41 bytes; allowed: 40"),
     ("a macro in a description", map_(("Tank.Temp", "desc", "temp $(X)")), "map.csv:11:9: desc: ",
      "$( would be taken for a macro"),
+    ("a line break in a symbol", map_(("Tank.Temp", "symbol", "Tank\nTemp")), "map.csv:11:1: symbol: ",
+     "a line break or another control character; allowed: one line"),
+    ("a line break in a group", map_(("Tank.Temp", "group", "A\nB")), "map.csv:11:25: group: ",
+     "a line break or another control character; allowed: one line"),
+    ("a group that is too long", map_(("Tank.Temp", "group", "g" * 121)), "map.csv:11:25: group: ",
+     "121 bytes; allowed: 120"),
     ("a unit that is too long", map_(("Tank.Temp", "egu", "u" * 16)), "map.csv:11:10: egu: ",
      "has 16 bytes; allowed: 15"),
     ("a unit of a text", map_(("Tank.Name", "egu", "m")), "map.csv:15:10: egu: ", "a text has no unit"),
     ("digits that are none", map_(("Tank.Temp", "prec", "two")), "map.csv:11:11: prec: ",
      '"two"; allowed: 0 to 15'),
+    ("a digit that is none of ten", map_(("Tank.Temp", "prec", "\u00b2")), "map.csv:11:11: prec: ",
+     "allowed: 0 to 15"),
     ("a limit that is no number", map_(("Tank.Temp", "high", "hot")), "map.csv:11:16: high: ",
      '"hot" is no number'),
     ("a decimal comma", map_(("Tank.Temp", "high", "80,5")), "map.csv:11:16: high: ",
@@ -277,6 +287,14 @@ MISTAKES = [
      '"TA NK" is no name of a station'),
     ("a prefix with a blank", {"plc": example.PLC.replace("tank:", "ta nk:")}, "plc.csv:5:2: prefix: ",
      "characters that no record name can have"),
+    ("a prefix with a macro", {"plc": example.PLC.replace("tank:", "$(P)")}, "plc.csv:5:2: prefix: ",
+     "characters that no record name can have; allowed: A-Z"),
+    ("a name of read-backs with a dot", plc(rbv=".R"), "plc.csv:6:2: rbv: ",
+     "characters that no record name can have; allowed: A-Z"),
+    ("a port in other digits", plc(port="\u00b2"), "plc.csv:6:2: port: ", "allowed: 1 to 65535"),
+    ("an address with quotes", plc(address="'x'"), "plc.csv:6:2: address: ", "is no host name or address"),
+    ("a symbol in the PLC with an open quote", map_(("Tank.Temp", "plc", '"Tank')), "map.csv:11:2: plc: ",
+     '"Tank cannot be a variable in the PLC\'s program; allowed: such as Motor, "Motor 1".Speed'),
     ("an S7 address in CODESYS", plc(family="codesys"), "map.csv:2:2: plc: ",
      "DB10.DBD0 is a place in an S7; allowed with family=codesys: the name of a variable"),
     ("two addresses in one cell", plc(address="10.0.0.1; 10.0.0.2"), "plc.csv:6:2: address: ",
@@ -326,6 +344,28 @@ def test_tag(tmp_path, title, rows, place, text):
     result = plcmap("check", controller.write(tmp_path / "m", map=HEAD + rows))
     assert result.status == 1
     assert [l for l in result.lines if "map.csv:" + place in l and text in l], result.err
+
+
+@pytest.mark.parametrize("name", ["Motor 1", "a;b", "1abc", "a..b", "a := b", '"My tag"', "(*a"])
+def test_variables(tmp_path, name):
+    """{name}: what is no variable of CODESYS does not get into the program"""
+    folder = example.write(tmp_path / "m", plc="key,value\nfamily,codesys\n",
+                           map='symbol,plc,type,tx,pv\nA,"%s",INT,0,A\n' % name.replace('"', '""'))
+    result = plcmap("check", folder)
+    assert result.status == 1 and "map.csv:2:2: plc: %s cannot be a variable" % name in result.err
+
+
+@pytest.mark.parametrize("name", ['a"b', "a$(x)b", "-x", "a%b", "x" * 101])
+def test_name_of_the_map(tmp_path, name):
+    """{name}: no name of a map, because it becomes that of files"""
+    result = plcmap("check", example.write(tmp_path / name))
+    assert result.status == 1 and "becomes the name of files and stands in st.cmd; allowed: " in result.err
+
+
+@pytest.mark.parametrize("encoding", ["punycode", "undefined", "a\0b", "rot13"])
+def test_encoding(tank, encoding):
+    """{encoding!r} as --encoding is refused"""
+    assert plcmap("--encoding", encoding, "check", tank).status == 1
 
 
 @pytest.mark.parametrize("command", ["check", "place", "show"])

@@ -32,6 +32,35 @@ PLANTS = {
 }
 
 
+def test_groups_of_one_file_name(tmp_path):
+    """Groups whose names make the same file name get two files"""
+    rows = "symbol,type,tx,pv,group\nA,INT,4,A,Pump 1\nB,INT,6,B,Pump/1\nC,INT,8,C,PUMP 1\n"
+    folder = example.write(tmp_path / "a--b", map=rows, types="type,field,ftype\n",
+                           enums="enum,value,text\n")
+    assert plcmap("generate", folder, "-o", tmp_path / "g").status == 0
+    files = sorted((tmp_path / "g").glob("*.bob"))
+    assert len(files) == 3
+    assert sorted(re.findall("pv_name>tank:(.)<", "".join(f.read_text() for f in files))) == ["A", "B", "C"]
+    for file in files + [tmp_path / "g" / "a--b.svg", tmp_path / "g" / "a--b-alarms.xml"]:
+        ET.parse(file)
+
+
+def test_symbol_with_blanks(tmp_path):
+    """The blanks of a symbol of an S7 stay"""
+    folder = example.write(tmp_path / "m", plc="key,value\n", types="type,field,ftype\n",
+                           map="symbol,plc,type,tx,pv\nA,Motor  1 on,INT,0,A\n", enums="enum,value,text\n")
+    assert plcmap("generate", folder, "-o", tmp_path / "g").status == 0
+    assert 'INT_TO_WORD("Motor 1 on")' in (tmp_path / "g" / "m-step7.scl").read_text()
+
+
+def test_note_of_lines(tmp_path):
+    """A note of several lines is one cell of the table"""
+    rows = 'symbol,type,tx,pv,note\nA,INT,4,A,"one\ntwo"\n'
+    folder = example.write(tmp_path / "m", map=rows, types="type,field,ftype\n", enums="enum,value,text\n")
+    assert plcmap("generate", folder, "-o", tmp_path / "g").status == 0
+    assert "one two |" in (tmp_path / "g" / "m.md").read_text()
+
+
 def plant(tmp_path, name, **keys):
     """A map with places."""
     if PLANTS[name] is None:

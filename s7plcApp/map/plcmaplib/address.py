@@ -62,7 +62,8 @@ class Address:
 
 def parse_address(text):
     """An Address; texts that do not look like one are symbols. Raises AddressProblem."""
-    text = re.sub(r"\s+", "", text) if not text.startswith('"') else text.strip()
+    symbol = " ".join(text.split())
+    text = symbol if text.startswith('"') else symbol.replace(" ", "")
     m = _DB.match(text)
     if m:
         return _made("DB", int(m.group(1)), m.group(2).upper(), m.group(3), m.group(4), text)
@@ -79,7 +80,7 @@ def parse_address(text):
     if _LIKE.match(text):
         raise AddressProblem('"%s" is no address; allowed: DB10.DBX4.3 DB10.DBB4 DB10.DBW4 '
                              'DB10.DBD4 M4.3 MB4 MW4 MD4, I and Q likewise, or a symbol' % text)
-    return Address(symbol=text)
+    return Address(symbol=symbol)
 
 
 def _made(area, db, letter, byte, bit, text):

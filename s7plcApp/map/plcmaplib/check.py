@@ -9,6 +9,7 @@ from .transfer import MAX_ROW, method, same_source
 from .types import Array, Elementary, Text, is_struct
 
 _LEADING = re.compile(r"^[^\s\"'@]+$")
+FILE_NAME = re.compile(r"[\w][\w.+ -]{0,99}$")
 PLC_NAME = re.compile(r"^[^\s/,()\"']{1,255}$")
 
 # How many bits an integer has, and whether it is signed
@@ -30,6 +31,7 @@ def check(map_, placed=True):
     _check_overlaps(map_)
     _check_readback(map_)
     _check_memory(map_)
+    _check_variables(map_)
     _check_tags(map_)
     _check_leaves(map_)
     _check_unused(map_)
@@ -44,14 +46,18 @@ def _error(map_, item, column, text):
 
 def _check_plc(map_):
     plc, report = map_.plc, map_.report
+    if not FILE_NAME.match(map_.name()):
+        report.error(Place(map_.path), None, '"%s" becomes the name of files and stands in st.cmd; allowed: '
+                     "up to 100 letters, digits, blanks and . _ + -" % map_.name())
     if not PLC_NAME.match(plc["name"]):
         report.error(map_.plc_place("name"), "name", '"%s" is no name of a station; allowed: no '
                      "blanks, no / , ( ) and quotes" % plc["name"])
-    if not ASCII_PV.match(plc["prefix"]):
-        report.error(map_.plc_place("prefix"), "prefix",
-                     '"%s" has characters that no record name can have' % plc["prefix"])
+    for key in ("prefix", "rbv"):
+        if not ASCII_PV.match(plc[key]) or re.search(r"[.$]", plc[key]):
+            report.error(map_.plc_place(key), key, '"%s" has characters that no record name can have; '
+                         "allowed: A-Z a-z 0-9 _ - : [ ] < > ;" % plc[key])
     for key in ("address", "second"):
-        if re.search(r"[\s,]", plc[key]):
+        if re.search(r"[\s,\"'\\]", plc[key]):
             report.error(map_.plc_place(key), key, '"%s" is no host name or address; allowed: one, such '
                          "as 192.168.0.10" % plc[key])
     if plc["wire"] != "block":
@@ -261,6 +267,33 @@ def _check_memory(map_):
     _check_written(map_)
 
 
+# How a program of the PLC can name a variable
+_VARIABLES = {
+    "codesys": (re.compile(r"%[\w.]+$|\.?[^\W\d]\w*\^?(\[[^\[\]\"';:]+\])?"
+                           r"(\.([^\W\d]\w*\^?(\[[^\[\]\"';:]+\])?|\d+))*$"),
+                "GVL.Tank.Level or Motors[3].Speed"),
+    "s7-classic": (re.compile(r"(\"[^\"]+\"|[^\"#.][^\".]*)(\.(\"[^\"]+\"|[^\W\d]\w*)(\[[-\d, ]+\])?)*$"),
+                   'Motor, "Motor 1".Speed'),
+}
+_VARIABLES["tia"] = _VARIABLES["s7-classic"]
+
+
+def _check_variables(map_):
+    """Symbols that become a part of the PLC's program are names there, and nothing else."""
+    family = map_.plc["family"]
+    if map_.plc["wire"] not in ("block", "block-modbus") or family not in _VARIABLES:
+        return
+    allowed, example = _VARIABLES[family]
+    told = set()
+    for leaf in map_.leaves():
+        name = leaf.address.symbol if leaf.address is not None else \
+            leaf.symbol if family == "codesys" else ""
+        if name and id(leaf.owner) not in told and not allowed.match(name):
+            told.add(id(leaf.owner))
+            _error(map_, leaf.owner, "plc", "%s cannot be a variable in the PLC's program; allowed: such "
+                   "as %s" % (name[:60], example))
+
+
 def _check_tags(map_):
     """EtherNet/IP: names, types that a controller has, and tags that fit each other."""
     if map_.has_blocks():
@@ -393,7 +426,8 @@ def _cell(leaf, column):
 
 def _check_name(map_, leaf, full, longest, names):
     place = leaf.owner.row.place("pv")
-    if not ASCII_PV.match(map_.plc["prefix"]):  # told with the key
+    if not ASCII_PV.match(map_.plc["prefix"]) or re.search(r"[.$]", map_.plc["prefix"]):
+        # told with the key
         full = full[len(map_.plc["prefix"]):]
     if not ASCII_PV.match(full) or full[:1] in "-+[{":
         map_.report.error(place, "pv", '"%s" has characters that no record name can have; allowed: '

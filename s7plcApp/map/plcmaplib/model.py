@@ -9,6 +9,7 @@ import re
 from . import columns
 from .address import AddressProblem, parse_address
 from .problems import Place, Refused, nearest, one_of
+from .sheets import one_line, whole
 from .shown import Shown, State, check_state
 from .types import (Array, Elementary, Layout, Named, TypeProblem, VISIBLE, is_struct,
                     parse_type)
@@ -155,6 +156,9 @@ class Map:
                 value = row.get(column)
                 if words and value not in words:
                     self.report.error(row.place(column), column, one_of(value, words))
+                elif column != "note" and not column.startswith("#") and not one_line(value):
+                    self.report.error(row.place(column), column, "a line break or another control "
+                                      "character; allowed: one line")
 
     def _load_plc(self):
         self.plc = {key: spec[0] for key, spec in columns.PLC_KEYS.items()}
@@ -184,7 +188,8 @@ class Map:
     def _within(value, default, allowed):
         if value == "":
             return True
-        return value.isdigit() and len(value) < 10 and allowed[0] <= int(value) <= allowed[1]
+        return len(value) < 10 and whole(value) is not None and \
+            allowed[0] <= int(value) <= allowed[1]
 
     def plc_place(self, key):
         row = self.plc_rows.get(key)

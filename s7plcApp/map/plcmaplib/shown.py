@@ -6,9 +6,10 @@ import re
 
 from . import columns
 from .problems import nearest, one_of
-from .sheets import number
+from .sheets import number, whole
 
 ASCII_PV = re.compile(r"^[A-Za-z0-9_\-+:\[\]<>;.$(){}#%/*&|!?~^@=]*$")
+MAX_GROUP = 120  # its name becomes that of a file
 _RANGE = re.compile(r"^(.+?)\.\.(.+)$")
 _FIELD = re.compile(r"^[A-Z][A-Z0-9]{1,3}$")
 
@@ -47,16 +48,13 @@ class Shown:
         self.asg = get("asg")
         self.group = self._group(report)
         self.fields = self._fields(report)
-        self.note = get("note")
+        self.note = " ".join(get("note").split())
 
     def _text(self, report, column, most):
         text = self.row.get(column)
         if len(text.encode("utf-8", "replace")) > most:
             report.error(self.row.place(column), column, '"%s..." has %d bytes; allowed: %d'
                          % (text[:20], len(text.encode("utf-8", "replace")), most))
-        if any(ord(c) < 32 for c in text):
-            report.error(self.row.place(column), column,
-                         "a line break or another control character; allowed: one line")
         return text
 
     def _number(self, report, column):
@@ -74,7 +72,7 @@ class Shown:
         text = self.row.get(column)
         if not text:
             return None
-        if not text.isdigit() or not low <= int(text) <= high:
+        if len(text) > 9 or whole(text) is None or not low <= int(text) <= high:
             report.error(self.row.place(column), column, '"%s"; allowed: %d to %d'
                          % (text, low, high))
             return None
@@ -164,6 +162,9 @@ class Shown:
         if any(not p for p in parts):
             report.error(self.row.place("group"), "group", '"%s" has an empty part; allowed: such '
                          "as Tank/Valves" % text)
+        if len(text.encode("utf-8")) > MAX_GROUP:
+            report.error(self.row.place("group"), "group", "%d bytes; allowed: %d"
+                         % (len(text.encode("utf-8")), MAX_GROUP))
         return "/".join(p for p in parts if p)
 
     def _fields(self, report):

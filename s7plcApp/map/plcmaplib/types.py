@@ -143,11 +143,13 @@ ALIASES = {"TOD": "TIME_OF_DAY", "DT": "DATE_AND_TIME", "BIT": "BOOL", "DATE_TIM
 VISIBLE = [n for n, t in ELEMENTARY.items() if t.kind != "raw" or n == "DTL"]
 
 _ARRAY = re.compile(r"\s*ARRAY\s*\[([^\]]*)\]\s*OF\s+(.+)$", re.I | re.S)
+_NESTED = re.compile(r"\bARRAY\s*\[", re.I)
 _BOUND = re.compile(r"\s*(-?\d+)\s*\.\.\s*(-?\d+)\s*$")
 _TEXT = re.compile(r"\s*(W?)STRING\s*(?:[\[(]\s*(\d+)\s*[\])])?\s*$", re.I)
 MAX_TEXT = 254
 MAX_WTEXT = 16382
 MAX_COUNT = 65536
+MAX_DIMENSIONS = 6
 
 
 def _bounds(text):
@@ -161,9 +163,15 @@ def _bounds(text):
         if high < low:
             raise TypeProblem("array bounds %d..%d: the first must not be greater" % (low, high))
         bounds.append((low, high))
-    if len(bounds) > 6:
-        raise TypeProblem("an array has at most 6 dimensions, not %d" % len(bounds))
+    if len(bounds) > MAX_DIMENSIONS:
+        raise TypeProblem("an array has at most %d dimensions, not %d"
+                          % (MAX_DIMENSIONS, len(bounds)))
     return bounds
+
+
+def _check_depth(m):
+    if len(_NESTED.findall(m.group(0))) > MAX_DIMENSIONS:
+        raise TypeProblem("an array has at most %d dimensions" % MAX_DIMENSIONS)
 
 
 def parse_type(text):
@@ -171,6 +179,7 @@ def parse_type(text):
     text = text.strip()
     m = _ARRAY.match(text)
     if m:
+        _check_depth(m)
         array = Array(_bounds(m.group(1)), parse_type(m.group(2)))
         if isinstance(array.element, Array):  # ARRAY OF ARRAY is one array of more dimensions
             array = Array(array.bounds + array.element.bounds, array.element.element)

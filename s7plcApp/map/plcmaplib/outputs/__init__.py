@@ -18,7 +18,7 @@ def contents(map_):
     name = map_.name()
     crc = layout_crc(map_)
     text = head_of(map_, crc)
-    shell, xml, st_ = "# " + text, "<!-- %s -->" % text, "// " + text
+    shell, xml, st_ = "# " + text, "<!-- %s -->" % text.replace("--", "- -"), "// " + text
     files, substitutions = database.templates(map_, name, shell)
     if substitutions:
         files[name + ".substitutions"] = substitutions

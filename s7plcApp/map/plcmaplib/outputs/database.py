@@ -4,6 +4,7 @@ import re
 
 from ..types import Array, is_struct
 from ..transfer import layout_id
+from .lists import unique
 from .records import quoted, record_text, records
 
 
@@ -46,15 +47,13 @@ def _fits(map_, field_desc, items):
 def templates(map_, name, head):
     """({file name: text}, substitutions text or "")"""
     groups, _ = made_instances(map_)
-    files, lines, numbers = {}, [], {}
+    files, lines, taken = {}, [], set()
     for key in sorted(groups, key=str):
         instances = [(k[1], leaves) for k, leaves in groups[key].items() if leaves[0].owner.pv]
         if not instances:
             continue
         typename = map_.types[key[0]].name
-        numbers[key[0]] = numbers.get(key[0], 0) + 1
-        file = "%s-%s%s.template" % (name, re.sub(r"[^\w]", "_", typename),
-                                     "" if numbers[key[0]] == 1 else "-%d" % numbers[key[0]])
+        file = unique("%s-%s" % (name, re.sub(r"[^\w]", "_", typename)), taken) + ".template"
         files[file] = _template(map_, head, typename, instances)
         macros = ["P", "TX", "RX", "DESC"] if map_.has_blocks() else ["P", "TAG", "DESC"]
         lines.append('file "%s" {\npattern { PLC, %s }' % (file, ", ".join(macros)))

@@ -2,6 +2,7 @@
 import html
 import re
 
+from .lists import unique
 from .records import records
 
 LINE = 26
@@ -63,9 +64,9 @@ def displays(map_, name, head):
     for leaf in map_.leaves():
         if leaf.pv:
             groups.setdefault(leaf.group(), []).append(leaf)
-    files = {}
-    for group, leaves in groups.items():
-        file = "%s%s.bob" % (name, "-" + re.sub(r"[^\w]+", "_", group) if group else "")
+    files, taken = {}, set()
+    for group, leaves in sorted(groups.items()):
+        file = unique("%s%s" % (name, "-" + re.sub(r"[^\w]+", "_", group) if group else ""), taken) + ".bob"
         files[file] = display(map_, "%s %s" % (map_.plc["name"], group) if group
                               else map_.plc["name"], leaves, head)
     return files

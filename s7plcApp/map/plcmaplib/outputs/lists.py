@@ -1,7 +1,17 @@
-"""Lists for the archiver, autosave and the alarm server."""
+"""Lists for the archiver, autosave and the alarm server; and names of files."""
 import html
 
 from .records import records
+
+
+def unique(name, taken):
+    """A file's name, with a number where another one, in capitals or not, has it already."""
+    found, number = name, 1
+    while found.lower() in taken:
+        number += 1
+        found = "%s-%d" % (name, number)
+    taken.add(found.lower())
+    return found
 
 
 def _records(map_):
