@@ -251,16 +251,33 @@ static void randomWalk(unsigned seed)
     plcPutsDestroy(p);
 }
 
+/* Links that change at run time put to places that are not in use yet. */
+static void behind(void)
+{
+    static const epicsUInt8 image[size] = "abcd", all[size] = {255, 255, 255, 255};
+    plcPuts *p = plcPutsCreate(size, 100);
+
+    plcPutsUse(p, 4);
+    add(p, 6, "AB", NULL, 0);
+    plcPutsVoidAll(p);
+    add(p, 6, "CD", NULL, 0);
+    testOk(plcPutsCount(p) == 1, "behind what is in use a void put leaves nothing behind");
+    testOk1(plcPutsAhead(p, image, all) == 1);
+    testOk1(strcmp(next(p, always, NULL), "abcd..CD") == 0);
+    plcPutsDestroy(p);
+}
+
 MAIN(putsTest)
 {
     unsigned i;
 
-    testPlan(84);
+    testPlan(87);
     order();
     bits();
     numbers();
     reconnect();
     tooMany();
+    behind();
     for (i = 0; i < 50; i++)
         randomWalk(i);
     return testDone();

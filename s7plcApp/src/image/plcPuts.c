@@ -18,7 +18,7 @@ typedef struct entry {
 } entry;
 
 struct plcPuts {
-    size_t size;
+    size_t size, room; /* bytes in use, and at most: puts may lie behind those in use */
     unsigned most;
     ELLLIST waiting, underWay;
     epicsUInt64 number; /* of the last */
@@ -31,7 +31,7 @@ plcPuts *plcPutsCreate(size_t size, unsigned most)
 {
     plcPuts *p = callocMustSucceed(1, sizeof(*p), "plcPutsCreate");
 
-    p->size = size;
+    p->size = p->room = size;
     p->most = most;
     p->newest = callocMustSucceed(size + 1, sizeof(*p->newest), "plcPutsCreate");
     return p;
@@ -207,8 +207,11 @@ void plcPutsVoid(plcPuts *p, size_t offset, size_t length, const void *mask)
 
 void plcPutsVoidAll(plcPuts *p)
 {
+    ELLNODE *node;
+
+    for (node = ellFirst(&p->waiting); node; node = ellNext(node))
+        p->newest[((entry *)node)->offset] = NULL;
     ellFree(&p->waiting);
-    memset(p->newest, 0, p->size * sizeof(*p->newest));
 }
 
 int plcPutsAhead(plcPuts *p, const void *image, const void *mask)
@@ -222,7 +225,7 @@ int plcPutsAhead(plcPuts *p, const void *image, const void *mask)
 
     if (p->size == 0)
         return 0;
-    waiting = callocMustSucceed(1, p->size, "plcPutsAhead");
+    waiting = callocMustSucceed(1, p->room, "plcPutsAhead");
     plcPutsBits(p, waiting);
     e = entryOf(&all, 1, 0);
     for (i = 0; i < p->size; i++)
