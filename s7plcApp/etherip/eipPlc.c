@@ -60,18 +60,18 @@ void eipPlcEach(void (*visit)(eipPlc *plc, void *arg), void *arg)
 /* A link that changes costs a wake-up; many of them, as when an IOC ends, cost one list. */
 void eipPlcWantsChanged(eipPlc *plc)
 {
-    if (epicsAtomicGetIntT(&plc->begun))
-        plc->wake(plc->wakeArg);
+    if (!epicsAtomicGetIntT(&plc->begun))
+        return;
+    plc->wake(plc->wakeArg);
+    eipWorkerWant(plc->worker);
 }
 
-static void tellWants(eipPlc *plc)
+/* In the worker's thread. */
+static int wants(void *arg, eipWant **all, unsigned *count, size_t *used)
 {
-    eipWant *wants;
-    unsigned count;
-    size_t used;
+    eipPlc *plc = arg;
 
-    if (eipPlacesWants(plc->places, 0, &wants, &count, &used))
-        eipWorkerWant(plc->worker, wants, count, used);
+    return epicsAtomicGetIntT(&plc->begun) && eipPlacesWants(plc->places, 0, all, count, used);
 }
 
 /* --- The transport ------------------------------------------------------------------------- */
@@ -80,7 +80,7 @@ static void *create(const plcTransportSetup *setup, const void *own)
 {
     eipPlc *plc = *(eipPlc *const *)own;
 
-    plc->worker = eipWorkerCreate(setup, &plc->connect);
+    plc->worker = eipWorkerCreate(setup, &plc->connect, wants, plc);
     plc->wake = setup->wake;
     plc->wakeArg = setup->arg;
     return plc;
@@ -133,7 +133,6 @@ static void up(void *pvt, SOCKET socket, const epicsUInt8 *wholeIn, const epicsU
 
     (void)wholeIn, (void)wholeOut; /* a worker that knows tags knows what is whole */
     epicsAtomicSetIntT(&plc->begun, 1);
-    tellWants(plc);
     eipWorkerStart(plc->worker, socket);
 }
 
@@ -149,11 +148,7 @@ static size_t used(void *pvt)
 
 static int news(void *pvt, plcNews *n, void *input, void *output)
 {
-    eipPlc *plc = pvt;
-
-    if (epicsAtomicGetIntT(&plc->begun))
-        tellWants(plc);
-    return eipWorkerTake(plc->worker, n, input, output);
+    return eipWorkerTake(((eipPlc *)pvt)->worker, n, input, output);
 }
 
 static void put(void *pvt, const void *image, const void *mask)

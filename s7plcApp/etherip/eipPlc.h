@@ -46,7 +46,7 @@ typedef struct eipPlcSetup {
 eipPlc *eipPlcCreate(const char *command, const char *name, const char *host,
                      const eipPlcSetup *setup);
 
-/* What is wanted has changed: the station's thread tells the worker soon. Any thread. */
+/* What is wanted has changed: the worker takes it over soon. Any thread. */
 void eipPlcWantsChanged(eipPlc *plc);
 
 #endif /* INC_eipPlc_H */

@@ -13,12 +13,15 @@ static void worker(void *arg);
 
 /* --- Life ---------------------------------------------------------------------------------- */
 
-eipWorker *eipWorkerCreate(const plcTransportSetup *setup, const eipConnectOptions *connect)
+eipWorker *eipWorkerCreate(const plcTransportSetup *setup, const eipConnectOptions *connect,
+                           eipWantsSource *source, void *arg)
 {
     eipWorker *w = callocMustSucceed(1, sizeof(*w), "eipWorker");
     size_t size = setup->inSize + 1;
 
     w->setup = *setup;
+    w->source = source;
+    w->sourceArg = arg;
     w->canWake = plcWakeInit(&w->wake) == 0;
     w->lock = epicsMutexMustCreate();
     w->tagsLock = epicsMutexMustCreate();
@@ -79,21 +82,9 @@ void eipWorkerEnd(eipWorker *w)
     w->thread = NULL;
 }
 
-static void freeWants(eipWorker *w)
-{
-    unsigned i;
-
-    for (i = 0; i < w->wantCount; i++)
-        free(w->wants[i].tag);
-    free(w->wants);
-    w->wants = NULL;
-    w->wantCount = 0;
-}
-
 void eipWorkerDestroy(eipWorker *w)
 {
     eipWorkerEnd(w);
-    freeWants(w);
     eipBrowseEnd(w);
     eipPlansFree(w);
     eipTagsFree(&w->tags);
@@ -128,15 +119,8 @@ void eipWorkerSetConnect(eipWorker *w, const eipConnectOptions *connect)
     epicsMutexUnlock(w->lock);
 }
 
-void eipWorkerWant(eipWorker *w, eipWant *wants, unsigned count, size_t used)
+void eipWorkerWant(eipWorker *w)
 {
-    epicsMutexMustLock(w->lock);
-    freeWants(w);
-    w->wants = wants;
-    w->wantCount = count;
-    w->newWants = 1;
-    w->newUsed = used;
-    epicsMutexUnlock(w->lock);
     plcWakeUp(&w->wake);
 }
 
@@ -409,38 +393,10 @@ static void endSession(eipWorker *w, int polite)
 
 static void takeOrders(eipWorker *w)
 {
-    eipWant *wants = NULL;
-    unsigned count = 0, i;
-    int fresh;
-
     epicsMutexMustLock(w->lock);
     w->now = w->options;
-    fresh = w->newWants;
-    if (fresh) {
-        wants = w->wants;
-        count = w->wantCount;
-        w->wants = NULL;
-        w->wantCount = 0;
-        w->newWants = 0;
-        w->used = w->newUsed;
-    }
     epicsMutexUnlock(w->lock);
-    if (!fresh)
-        return;
-    for (i = 0; i < count; i++)
-        if (wants[i].fresh) {
-            memset(w->in + wants[i].place, 0, wants[i].room);
-            plcFaultsClear(w->setup.inFaults, wants[i].place, wants[i].room, NULL);
-        }
-    epicsMutexMustLock(w->tagsLock);
-    w->turn = NULL;
-    if (eipTagsSet(&w->tags, wants, count))
-        cantProceed("etherip: no memory for %u tags\n", count);
-    epicsMutexUnlock(w->tagsLock);
-    eipWritesBegin(w);
-    w->browser.stage = w->browser.stage == eipBrowseNot ? eipBrowseNot : eipBrowseProgram;
-    eipBrowseEnd(w);
-    w->replan = 1;
+    eipWantsTake(w);
 }
 
 /* A connection on which nobody asks anything would be closed by the PLC. */

@@ -44,8 +44,15 @@ typedef struct eipTimes {
     epicsTimeStamp stamp;   /* of the last turn */
 } eipTimes;
 
+/* What is wanted, all of it, if that is not what was told the last time: then 1, and the worker
+ * takes `wants` and their texts over; else 0. *used: their places lie in so many bytes of the
+ * images. Called in the worker's thread without a lock; must not block. Who puts something has
+ * told before what he wants. */
+typedef int eipWantsSource(void *arg, eipWant **wants, unsigned *count, size_t *used);
+
 /* No thread yet. setup stays where it is; inSize and outSize are the same. */
-eipWorker *eipWorkerCreate(const plcTransportSetup *setup, const eipConnectOptions *connect);
+eipWorker *eipWorkerCreate(const plcTransportSetup *setup, const eipConnectOptions *connect,
+                           eipWantsSource *source, void *arg);
 void eipWorkerBegin(eipWorker *w);   /* the thread */
 void eipWorkerEnd(eipWorker *w);     /* ends and joins it, if there is one */
 void eipWorkerDestroy(eipWorker *w);
@@ -55,9 +62,7 @@ void eipWorkerSetOptions(eipWorker *w, const eipWorkerOptions *options);
 /* From the next connection on. */
 void eipWorkerSetConnect(eipWorker *w, const eipConnectOptions *connect);
 
-/* What is wanted from now on; the worker takes `wants` and their texts over. `used`: their
- * places lie in so many bytes of the images. */
-void eipWorkerWant(eipWorker *w, eipWant *wants, unsigned count, size_t used);
+void eipWorkerWant(eipWorker *w); /* the source has something new */
 
 /* The connection is up / is to be given up: see plcTransport.h. */
 void eipWorkerStart(eipWorker *w, SOCKET socket);

@@ -74,6 +74,8 @@ typedef struct eipBrowser {
 
 struct eipWorker {
     plcTransportSetup setup;
+    eipWantsSource *source;
+    void *sourceArg;
     plcWake wake;
     int canWake; /* there were descriptors for it */
     epicsThreadId thread;
@@ -86,10 +88,7 @@ struct eipWorker {
     unsigned generation;
     int running;
     SOCKET handed;
-    eipWant *wants; /* NULL with newWants: none */
-    unsigned wantCount;
-    int newWants;
-    size_t newUsed, newsUsed;
+    size_t newsUsed;
     int mayWrite; /* there are puts in the output image */
     int busy; /* a request is under way */
     plcNews news;
@@ -233,10 +232,15 @@ int eipReadsStep(eipWorker *w, epicsUInt64 now, epicsUInt64 *next);
 int eipReadWhole(eipWorker *w, const eipUnit *u, size_t from, eipAnswer *answer,
                  eipData *data);
 
-/* --- eipWrites.c -------------------------------------------------------------------------- */
+/* --- eipWants.c --------------------------------------------------------------------------- */
 
-/* There are other wishes. */
-void eipWritesBegin(eipWorker *w);
+/* Takes over what is wanted now. Returns 1 when that is something new, else 0. */
+int eipWantsTake(eipWorker *w);
+
+/* The first wish, as an index of w->byPlace, that ends behind this offset. */
+unsigned eipWantsBehind(const eipWorker *w, size_t offset);
+
+/* --- eipWrites.c -------------------------------------------------------------------------- */
 
 /* Writes what was put. Returns 0, or -1: the session is over. */
 int eipWriteAll(eipWorker *w);

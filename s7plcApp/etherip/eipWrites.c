@@ -257,44 +257,6 @@ static void wantItem(eipWorker *w, batch *b, unsigned want)
         settle(w, wish, why);
 }
 
-static int byPlace(const void *a, const void *b)
-{
-    const eipPlaced *x = a, *y = b;
-
-    return x->place < y->place ? -1 : x->place > y->place;
-}
-
-void eipWritesBegin(eipWorker *w)
-{
-    unsigned n = w->tags.wantCount, i;
-
-    free(w->byPlace);
-    free(w->queued);
-    w->byPlace = callocMustSucceed(n + 1, sizeof(*w->byPlace), "etherip");
-    w->queued = callocMustSucceed(n + 1, 1, "etherip");
-    for (i = 0; i < n; i++)
-        w->byPlace[i] = (eipPlaced){w->tags.wants[i].place, i};
-    if (n)
-        qsort(w->byPlace, n, sizeof(*w->byPlace), byPlace);
-}
-
-/* The first wish, by place, that ends behind this offset. */
-static unsigned firstBehind(const eipWorker *w, size_t offset)
-{
-    unsigned low = 0, high = w->tags.wantCount;
-
-    while (low < high) {
-        unsigned middle = low + (high - low) / 2;
-        const eipWant *want = &w->tags.wants[w->byPlace[middle].want];
-
-        if (want->place + want->room <= offset)
-            low = middle + 1;
-        else
-            high = middle;
-    }
-    return low;
-}
-
 /* Where the puts are that were taken together, in their order. */
 typedef struct taken {
     size_t offset[takenMost], end[takenMost];
@@ -558,7 +520,7 @@ static int writeTogether(eipWorker *w, const taken *t)
 
     memset(w->queued, 0, w->tags.wantCount);
     for (i = 0; i < t->count; i++)
-        for (k = firstBehind(w, t->offset[i]); k < w->tags.wantCount; k++) {
+        for (k = eipWantsBehind(w, t->offset[i]); k < w->tags.wantCount; k++) {
             unsigned want = w->byPlace[k].want;
 
             if (w->byPlace[k].place >= t->end[i])
@@ -572,6 +534,31 @@ static int writeTogether(eipWorker *w, const taken *t)
         eipWorkerTell(w);
     }
     return status;
+}
+
+/* True when no wish has this put: one that has come later, or one that is not any more. */
+static int isStray(const eipWorker *w, size_t offset, size_t end)
+{
+    unsigned k = eipWantsBehind(w, offset);
+
+    return k == w->tags.wantCount || w->byPlace[k].place >= end;
+}
+
+/* A record whose link changes wants its tag before it puts something: then the wish is there by
+ * now, and its put waits until the tag is known. Returns 1 when that is so, else 0. */
+static int waitsForWish(eipWorker *w, const taken *t)
+{
+    unsigned i;
+
+    for (i = 0; i < t->count && !isStray(w, t->offset[i], t->end[i]); i++)
+        ;
+    if (i == t->count || !eipWantsTake(w))
+        return 0;
+    if (eipWorkerEnter(w)) {
+        plcImagePutsBack(w->setup.out);
+        epicsMutexUnlock(w->lock);
+    }
+    return 1;
 }
 
 /* As many lots as puts wait now; those that come meanwhile have to wait for a read. Tags that are
@@ -589,7 +576,12 @@ int eipWriteAll(eipWorker *w)
         count = takeTogether(w, t);
         if (!count)
             break;
-        status = writeTogether(w, t);
+        if (!waitsForWish(w, t))
+            status = writeTogether(w, t);
+        else if (w->tags.unknown)
+            break;
+        else
+            count = 0;
     }
     free(t);
     return status;

@@ -26,6 +26,7 @@
 #include "eipWorker.h"
 #include "testTools.h"
 
+enum { wrote = 0x1234567, left = 0x7654321 };
 enum { tagCount = 8, imageSize = 4096, frameMax = 70000, warmUp = 6 };
 
 /* The value of tag n: such as no random bytes have. */
@@ -57,6 +58,7 @@ static struct {
     int listener, port;
     int lie;       /* atomic: what it does */
     int told;      /* atomic: how many lies of this kind */
+    int written;   /* atomic: the last value that was written */
     epicsUInt32 seed;
     unsigned char frame[frameMax], answer[frameMax], last[frameMax];
     size_t lastLength;
@@ -86,7 +88,7 @@ static void put32(unsigned char *at, epicsUInt32 value)
     put16(at + 2, value >> 16);
 }
 
-/* One service: Read Tag of "T0" to "T7"; all else is refused. Returns the bytes. */
+/* One service: Read Tag of "T0" to "T7", Write Tag of one element; all else is refused. Returns the bytes. */
 static size_t serve(const unsigned char *q, unsigned char *a)
 {
     const unsigned char *path = q + 2;
@@ -98,6 +100,10 @@ static size_t serve(const unsigned char *q, unsigned char *a)
         put16(a + 4, 0xc4);
         put32(a + 6, valueOf(path[3] - '0'));
         return 10;
+    }
+    if (q[0] == 0x4d && path[0] == 0x91 && path[1] == 2 && path[2] == 'T') {
+        epicsAtomicSetIntT(&plc.written, (int)(get16(path + 8) | get16(path + 10) << 16));
+        return 4;
     }
     if (q[0] == 0x5b) { /* Large Forward Open: the ids, and the triad back */
         put32(a + 4, 0x11223344);
@@ -312,16 +318,29 @@ static void turn(void)
     if (news.lost) {
         station.losses++;
         hangUp();
+        plcImageAway(station.setup.out, 1);
+        plcImageAway(station.setup.out, 0);
         dial();
+        eipWorkerPut(station.worker);
     }
 }
 
-static eipWant *wants(void)
+/* --- What is wanted, by one who also puts ---------------------------------------------------- */
+
+typedef enum { putsNothing, putsWanted, putsLeft } putting;
+
+static struct {
+    int changed; /* atomic */
+    int without; /* atomic: the last tag is not wanted */
+    int puts;    /* atomic: what it puts when it is asked the next time */
+} source;
+
+static eipWant *wants(unsigned count)
 {
     eipWant *w = calloc(tagCount + 1, sizeof(*w));
     unsigned i;
 
-    for (i = 0; i < tagCount; i++) {
+    for (i = 0; i < count; i++) {
         char name[] = "T0";
 
         name[1] = (char)('0' + i);
@@ -329,6 +348,44 @@ static eipWant *wants(void)
                          .place = i * eipCellSize, .room = eipCellSize};
     }
     return w;
+}
+
+/* A number for the last tag, whole. */
+static void putLast(epicsUInt32 value)
+{
+    epicsUInt8 cell[eipCellSize] = {0}, mask[eipCellSize];
+    epicsUInt64 number = value;
+    unsigned i;
+
+    memset(mask, 0xff, sizeof(mask));
+    cell[eipPlaceKindAt] = eipSigned;
+    for (i = 0; i < 8; i++)
+        cell[eipPlaceHead + i] = number >> 8 * i & 0xff;
+    plcImageWrite(station.setup.out, (tagCount - 1) * eipCellSize, eipCellSize, cell, mask);
+}
+
+/* Nothing is new; in the next moment somebody wants the last tag, and puts something, or puts it
+ * without. */
+static int tell(void *arg, eipWant **all, unsigned *count, size_t *used)
+{
+    int what = epicsAtomicGetIntT(&source.puts);
+
+    (void)arg;
+    if (what != putsNothing) {
+        putLast(what == putsWanted ? wrote : left);
+        eipWorkerPut(station.worker);
+        epicsAtomicSetIntT(&source.without, what != putsWanted);
+        epicsAtomicSetIntT(&source.changed, what == putsWanted);
+        epicsAtomicSetIntT(&source.puts, putsNothing);
+        return 0;
+    }
+    if (!epicsAtomicGetIntT(&source.changed))
+        return 0;
+    epicsAtomicSetIntT(&source.changed, 0);
+    *count = tagCount - (unsigned)epicsAtomicGetIntT(&source.without);
+    *used = imageSize;
+    *all = wants(*count);
+    return 1;
 }
 
 static void begin(void)
@@ -345,9 +402,9 @@ static void begin(void)
                                         .outFaults = plcFaultsCreate(imageSize)};
     station.setup.out = plcImageCreate(imageSize);
     plcImageKeepPuts(station.setup.out, 100);
-    station.worker = eipWorkerCreate(&station.setup, &connect);
+    source.changed = 1;
+    station.worker = eipWorkerCreate(&station.setup, &connect, tell, NULL);
     eipWorkerSetOptions(station.worker, &options);
-    eipWorkerWant(station.worker, wants(), tagCount, imageSize);
     eipWorkerBegin(station.worker);
     dial();
 }
@@ -394,13 +451,42 @@ static void testLie(int kind, int count)
     testOk(allGood(), "then all values come again");
 }
 
+/* Puts just when the worker has asked what is wanted. */
+static int putNow(putting what)
+{
+    epicsUInt64 end = epicsMonotonicGet() + (epicsUInt64)PATIENCE_S * 1000000000u;
+
+    epicsAtomicSetIntT(&source.puts, what);
+    eipWorkerWant(station.worker);
+    while ((epicsAtomicGetIntT(&source.puts) != putsNothing ||
+            plcImagePutsWaiting(station.setup.out, NULL, NULL)) && epicsMonotonicGet() < end)
+        turn();
+    return !plcImagePutsWaiting(station.setup.out, NULL, NULL);
+}
+
+static void testPutBeforeWish(void)
+{
+    eipWorkerOptions patient = {.requestTimeout = 5000, .relearn = 0};
+
+    eipWorkerSetOptions(station.worker, &patient);
+    epicsAtomicSetIntT(&source.without, 1);
+    epicsAtomicSetIntT(&source.changed, 1);
+    eipWorkerWant(station.worker);
+    WAIT_FOR((turn(), !epicsAtomicGetIntT(&source.changed)));
+    testOk(putNow(putsLeft) && epicsAtomicGetIntT(&plc.written) == 0,
+           "a put to a tag that nobody wants is not written, and holds up nothing");
+    testOk(putNow(putsWanted), "a put that is there before its wish has left");
+    testOk(epicsAtomicGetIntT(&plc.written) == wrote, "and was written: %#x",
+           (unsigned)epicsAtomicGetIntT(&plc.written));
+}
+
 MAIN(eipWorkerTest)
 {
     const char *text = getenv("EIP_LIES");
     int count = text ? atoi(text) : 50, kind;
     long before = 0;
 
-    testPlan(4 * lies + 2);
+    testPlan(4 * lies + 5);
     plc.seed = 7;
     plc.listener = toolListen(&plc.port);
     plc.lie = tells;
@@ -415,6 +501,7 @@ MAIN(eipWorkerTest)
             before = maxKilobytes();
     }
     testOk(maxKilobytes() - before < 4000, "nothing grows: %ld kB", maxKilobytes() - before);
+    testPutBeforeWish();
     hangUp();
     eipWorkerDestroy(station.worker);
     plcImageDestroy(station.setup.out);

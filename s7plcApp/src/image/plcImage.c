@@ -531,6 +531,13 @@ unsigned plcImageTakePuts(plcImage *image, int (*joins)(void *arg, const plcPut 
     return count;
 }
 
+void plcImagePutsBack(plcImage *image)
+{
+    epicsMutexMustLock(image->lock);
+    plcPutsBack(image->puts);
+    epicsMutexUnlock(image->lock);
+}
+
 void plcImagePutsDone(plcImage *image)
 {
     epicsMutexMustLock(image->lock);

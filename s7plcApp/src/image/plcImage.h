@@ -117,10 +117,11 @@ void plcImageAway(plcImage *image, int away);
 /* The puts are somebody's business now: a take of the image, which copies nothing. */
 void plcImageHandOver(plcImage *image);
 
-/* For whoever sends: see plcPutsTake, plcPutsDone. joins is called with the lock held. */
+/* For whoever sends: see plcPutsTake, plcPutsDone, plcPutsBack. joins is called with the lock held. */
 unsigned plcImageTakePuts(plcImage *image, int (*joins)(void *arg, const plcPut *put),
                           void *arg, void *values, void *mask);
 void plcImagePutsDone(plcImage *image);
+void plcImagePutsBack(plcImage *image);
 
 /* How many puts wait or are under way; of puts that are kept also their bits in mask, and what
  * the image holds there, in values (both as large as the image, may be NULL). */
