@@ -118,8 +118,8 @@ class Peer:
                 self.connections.append(Connection(self, sock, len(self.connections)))
                 self.changed.notify_all()
 
-    def configure(self, name="PLC", big=1, recv_timeout=2000, send_interval=100):
-        """The s7plcConfigure line for this PLC."""
+    def configure(self, name="PLC", big=1, recv_timeout=30000, send_interval=100):
+        """The s7plcConfigure line for this PLC; a busy machine is not taken for a silent PLC."""
         return (f's7plcConfigure("{name}", "127.0.0.1", {self.port}, {self.in_size}, '
                 f"{self.out_size}, {big}, {recv_timeout}, {send_interval})")
 

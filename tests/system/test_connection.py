@@ -24,7 +24,7 @@ def block(number, real=1.5):
 def pair(new_peer, new_ioc):
     """A PLC that listens and an IOC; no block yet."""
     peer = new_peer(8, 4)
-    ioc = new_ioc(peer.configure(recv_timeout=1000), DB)
+    ioc = new_ioc(peer.configure(), DB)
     peer.wait_connected()
     return peer, ioc
 
@@ -145,14 +145,16 @@ def test_another_client(new_peer, new_ioc):
     assert ioc.log_count("is another client connected to it?") == 1
 
 
-def test_silence(pair):
+def test_silence(new_peer, new_ioc):
     """a PLC that says nothing for recvTimeout is INVALID, with the time in AMSG"""
-    peer, ioc = pair
-    peer.send(block(7))
+    peer = new_peer(8, 4)
+    ioc = new_ioc(peer.configure(recv_timeout=1000), DB)
+    peer.wait_connected()
+    peer.every(0.05, block(7))
     ioc.wait_value("in", 7)
+    peer.stop_sending()
     ioc.wait_log("no block for 1.0 s")
-    peer.wait_connected(2)
-    assert peer.connections[0].ended == "fin"
+    until(lambda: any(c.ended == "fin" for c in peer.connections), "end of the connection")
     ioc.wait_alarm("in", "INVALID", "COMM")
 
 

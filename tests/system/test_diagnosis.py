@@ -152,7 +152,7 @@ def test_flood(new_peer, new_ioc):
 def test_sim_flood(new_sim, new_ioc):
     """plcSim's flood for a while: all is calm, and the values are good afterwards"""
     sim = new_sim("in = 64\nout = 64\nperiod = 20 ms\nsignal 0 UINT32 counter\n")
-    ioc = new_ioc(f's7plcConfigure("PLC", "127.0.0.1", {sim.port}, 64, 64, 1, 2000, 100)', IN)
+    ioc = new_ioc(f's7plcConfigure("PLC", "127.0.0.1", {sim.port}, 64, 64, 1, 30000, 100)', IN)
     until(lambda: ioc.get("in") > 5, "first blocks")
     sim.command("flood on")
     until(lambda: ioc.get("in") > 200000, "a flood", limit=120)
@@ -188,7 +188,7 @@ def test_sim_fault(new_sim, new_ioc, fault, sign):
 def test_sim_harmless_fault(new_sim, new_ioc, fault):
     """plcSim's "{fault}" is no fault: no alarm, no message"""
     sim = new_sim("in = 64\nout = 64\nperiod = 200 ms\nsignal 0 UINT32 counter\n")
-    ioc = new_ioc(f's7plcConfigure("PLC", "127.0.0.1", {sim.port}, 64, 64, 1, 2000, 100)', IN)
+    ioc = new_ioc(f's7plcConfigure("PLC", "127.0.0.1", {sim.port}, 64, 64, 1, 30000, 100)', IN)
     ioc.wait_alarm("in", "NO_ALARM")
     sim.command(fault)
     first = ioc.get("in")
