@@ -572,7 +572,7 @@ def test_wrong_answers(new_modbus, new_ioc):
         peers[name] = new_modbus(size=16)
         peers[name].holding[0] = 1234
         lines.append(peers[name].configure("holding 0 10 every 20, input 0 10 every 20", name=f"PLC{i}",
-                                           timeout=100))
+                                           timeout=500))
         db += f"""
         record(longin, "$(P)in{i}") {{ field(DTYP, "S7plc") field(INP, "@PLC{i}/0 T=INT16") field(SCAN, "I/O Intr") }}
         record(calc, "$(P)wrong{i}") {{ field(INPA, "$(P)in{i} CP") field(INPB, "$(P)in{i}.SEVR") field(CALC, "VAL+(B==0&&A!=1234&&A!=0&&A!=4321)") }}
