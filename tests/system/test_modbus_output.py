@@ -3,6 +3,7 @@ import random
 import struct
 import time
 
+import epics
 import pytest
 
 from ioc import errors_in
@@ -650,6 +651,25 @@ def test_waiting_when_lost(new_station):
     for name in "o5", "o6", "o7", "o8":
         s.ioc.wait_alarm(name, "NO_ALARM")
     assert s.written() == {0, 5, 6, 7, 8}
+
+
+def test_alarm_until_written(new_station):
+    """a put whose write has no answer is in alarm over every reconnect, until the PLC has answered"""
+    s = new_station(words(2), "requestTimeout 200", "readPeriod 0")
+    s.ioc.put("o0", 1)
+    s.wait_register(0, 1)
+    alarms = []
+    pv = epics.PV(s.ioc.P + "o0", form="time", callback=lambda severity=None, **kw: alarms.append(severity))
+    assert pv.wait_for_connection(60)
+    s.plc.mangle = lambda request, frame: b"" if request.writes else frame  # reads are answered
+    s.ioc.put("o0", 2)
+    s.plc.wait_connected(s.plc.connections + 3)
+    at = alarms.index(3)
+    assert set(alarms[at:]) == {3}, alarms
+    s.plc.mangle = None
+    s.ioc.wait_alarm("o0", "NO_ALARM")
+    assert s.register(0) == 2
+    pv.disconnect()
 
 
 def test_nothing_waits(new_station):

@@ -262,7 +262,7 @@ static void inputCame(plcStation *s, const plcNews *news, epicsUInt64 now)
 }
 
 /* What the PLC holds as we do is no fault any more. An alarm elsewhere ends with a write that
- * is acknowledged. */
+ * is acknowledged; so does that of a put that waits, which `shown` has as if it were there. */
 static void forgetFaults(plcStation *s, const char *shown)
 {
     plcExchange *x = s->exchange;
@@ -271,6 +271,9 @@ static void forgetFaults(plcStation *s, const char *shown)
     plcImagePeek(s->out, 0, plcImageSize(s->out), x->image);
     for (i = 0; i < plcImageSize(s->out); i++)
         x->mask[i] = (char)~(x->image[i] ^ shown[i]);
+    plcImagePutsWaiting(s->out, NULL, x->image);
+    for (i = 0; i < plcImageSize(s->out); i++)
+        x->mask[i] &= (char)~x->image[i];
     plcFaultsClear(s->outFaults, 0, plcImageSize(s->out), x->mask);
 }
 
