@@ -217,6 +217,30 @@ static void testLateChange(void)
     plcFramingDestroy(s.framing);
 }
 
+/* Some blocks of another size, then of the right one, on a new connection. */
+static void testCorrected(void)
+{
+    size_t old, others, i;
+    unsigned right = 0, count = 0;
+
+    for (old = 40; old < 64; old++) {
+        for (others = 1; others < 3; others++, count++) {
+            stream s;
+
+            streamOpen(&s, 64, 64);
+            for (i = 0; i < others; i++)
+                arrive(&s, old, 100 * MS);
+            for (i = 0; i < 10 && plcFramingJudge(s.framing) == plcFramingOpen; i++)
+                arrive(&s, 64, 100 * MS);
+            right += s.used == 0 && plcFramingJudge(s.framing) == plcFramingWrong &&
+                     plcFramingBurst(s.framing) == 64;
+            plcFramingDestroy(s.framing);
+        }
+    }
+    testOk(right == count, "one or two blocks of another size, then of the right one: out of step, "
+           "and nothing is shown (%u of %u)", right, count);
+}
+
 static void testBacklog(void)
 {
     unsigned char *space;
@@ -262,12 +286,13 @@ MAIN(framingTest)
 {
     size_t i;
 
-    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 10 + framingSlipTests());
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 11 + framingSlipTests());
     for (i = 0; i < sizeof(rows) / sizeof(rows[0]); i++)
         testRow(i);
     testRandomPieces();
     testNoSize();
     testLateChange();
+    testCorrected();
     testBacklog();
     testNoInput();
     framingSlips();

@@ -275,13 +275,14 @@ PLC_HOT static void newBurst(plcFraming *f, epicsUInt64 quiet, size_t place,
         judgeRun(f, run, aligned);
 }
 
-/* Is the stream to be trusted from now on? */
+/* Is the stream to be trusted from now on? Where bursts are of the size of a block and begin within
+ * one, it is out of step, or will be found so: a PLC whose size has just been corrected. */
 static void trust(plcFraming *f)
 {
     /* A block's end counts when the burst began with a block, or is of the first block. */
     int whole = f->fill % f->blockSize == 0 &&
                 (f->burst % f->blockSize == 0 || f->unaligned <= f->blockSize);
-    int patient = (f->bursts > PATIENCE && f->equal <= PATIENCE &&
+    int patient = (f->bursts > PATIENCE && f->equal <= PATIENCE && !f->step &&
                    f->unaligned >= PATIENCE * f->blockSize) ||
                   (f->bursts == 0 && f->unaligned >= 8 * PATIENCE * f->blockSize);
 
