@@ -105,6 +105,8 @@ static const struct {
     {"the last part is there: COMMIT",       plcMapDownload, plcTablesLoading, 60, {10, 1, 1, 0, 0, 0, 70, 6, 4}, 0, plcTablesCommitting, plcTablesCommit, "x"},
     {"a part went astray: anew",             plcMapDownload, plcTablesLoading, 20, {10, 1, 1, 0, 0, 0, 33, 6, 4}, 0, plcTablesBeginning, plcTablesBegin, "table is being downloaded"},
     {"a part is refused",                    plcMapDownload, plcTablesLoading, 20, {10, 1, 4, 21, 0, 0, 20, 6, 4}, 0, plcTablesRefused, 0, "a part is missing"},
+    {"COMMIT came when it had dropped it: anew", plcMapDownload, plcTablesCommitting, 70, {10, 1, 4, 20, 0, 0, 70, 6, 4}, 0, plcTablesBeginning, plcTablesBegin, "table is being downloaded"},
+    {"the same, and it is locked: waits",    plcMapDownload, plcTablesCommitting, 70, {10, 1, 4, 20, 0, 0, 70, 6, 0}, 0, plcTablesMismatch, 0, "another table; the PLC's are locked"},
     {"another one's session: anew",          plcMapDownload, plcTablesLoading, 20, {10, 1, 1, 0, 0, 0, 0, 9, 4}, 0, plcTablesBeginning, plcTablesBegin, "table is being downloaded"},
     {"the PLC has dropped it: anew",         plcMapDownload, plcTablesLoading, 20, {10, 1, 3, 29, 0, 0, 20, 6, 4}, 0, plcTablesBeginning, plcTablesBegin, "table is being downloaded"},
     {"LOCAL in the middle: waits",           plcMapDownload, plcTablesLoading, 20, {8, 1, 3, 27, 0, 0, 20, 6, 4}, 0, plcTablesMismatch, 0, "another table; PLC in LOCAL"},

@@ -55,6 +55,7 @@ static const struct {
 };
 
 #define ERRORS (sizeof(errors) / sizeof(errors[0]))
+#define ERROR_SESSION 20
 #define ERROR_LOCKED 26
 #define ERROR_LOCAL 27
 
@@ -197,7 +198,9 @@ static void refused(plcTables *t)
 /* The PLC answered to something of our session, while a download runs. */
 static void answer(plcTables *t)
 {
-    if (t->plc.state == plcMapRefused) {
+    if (t->plc.state == plcMapRefused && t->plc.error == ERROR_SESSION) {
+        begin(t); /* it had dropped what it had before our command came: key, LOCAL, restart */
+    } else if (t->plc.state == plcMapRefused) {
         refused(t);
     } else if (t->plc.state == plcMapChecking && t->state == plcTablesCommitting) {
         ; /* it takes its time */
