@@ -9,7 +9,7 @@ ifneq ($(words $(CURDIR)),1)
 endif
 
 .PHONY: help demo demo-redundant demo-sync demo-asyn demo-modbus demo-tables demo-etherip demo-map test check-all \
-    bench docs displays fuzz
+    soak bench docs displays fuzz
 
 HELP = "make                 build (needs EPICS_BASE, see configure/RELEASE)" \
     "make rebuild         clean, then build: after an update of the sources" \
@@ -25,6 +25,7 @@ HELP = "make                 build (needs EPICS_BASE, see configure/RELEASE)" \
     "make demo-asyn       the same PLC as an asyn port (where ASYN is set)" \
     "make test            all tests" \
     "make check-all       warnings as errors, all tests under sanitizers, static analysis: hours" \
+    "make soak            random faults on every transport for ten minutes, a report (DURATION= SEED=)" \
     "make bench           speed" \
     "make fuzz            all parsers with random bytes; MINUTES=<n> for each, default 0.2" \
     "make displays        pictures of the displays, by PyDM; PHOEBUS=<folder>: by Phoebus" \
@@ -38,7 +39,7 @@ ifneq ($(filter help,$(MAKECMDGOALS)),)
   help: ; @printf '%s\n' $(HELP)
 else ifneq ($(filter docs,$(MAKECMDGOALS)),)
   docs: ; @docs/build
-else ifneq ($(filter demo demo-% test check-all bench displays fuzz,$(MAKECMDGOALS)),)
+else ifneq ($(filter demo demo-% test check-all soak bench displays fuzz,$(MAKECMDGOALS)),)
   ifneq ($(origin EPICS_BASE),file)
     # GNU make makes this included file when it is missing, then reads it and goes on.
     include configure/RELEASE.local
@@ -57,6 +58,7 @@ else ifneq ($(filter demo demo-% test check-all bench displays fuzz,$(MAKECMDGOA
   demo-etherip: ; @+$(BUILD) && exec iocBoot/iocEtherIP/demo
   test: ; @+tests/run
   check-all: ; @+tests/check/run
+  soak: ; @+$(BUILD) && exec tests/soak/run $(foreach v,DURATION SEED TRANSPORTS INSTANCES OUT,$(if $($v),$v=$($v)))
   bench: ; @+$(BUILD) && exec tests/bench/run
   displays: ; @+$(BUILD) && exec tests/displays/run
   fuzz: ; @tests/fuzz/run $(addprefix -m ,$(MINUTES))

@@ -1,0 +1,273 @@
+"""The plan and the judge of the soak (docs/soak.md): pure logic, each verdict both ways."""
+import struct
+
+import pytest
+
+from soak import judge, plan, report, wire
+from soak.blocks import Edges, Frames
+
+FAULTS = [plan.Fault("a", 5, 0.5, 1.0), plan.Fault("b", 1), plan.Fault("c", 0)]
+
+
+def test_plan():
+    """the same seed gives the same episodes, another one others; weights and times are kept to"""
+    first = [plan.episode(1, "blocks", n, FAULTS) for n in range(200)]
+    assert first == [plan.episode(1, "blocks", n, FAULTS) for n in range(200)]
+    assert first != [plan.episode(2, "blocks", n, FAULTS) for n in range(200)]
+    assert first != [plan.episode(1, "pair", n, FAULTS) for n in range(200)]
+    steps = [s for e in first for s in e.steps]
+    assert {s.fault for s in steps} == {"a", "b"}
+    assert all(0.5 <= s.seconds <= 1.0 for s in steps if s.fault == "a")
+    assert sum(s.fault == "a" for s in steps) > sum(s.fault == "b" for s in steps)
+    assert any(len(e.steps) == 2 for e in first) and all(
+        len({s.fault for s in e.steps}) == len(e.steps) for e in first)
+
+
+def test_apart():
+    """what must not come together does not; all else does"""
+    faults = [plan.Fault(name, 1) for name in "abcd"]
+    episodes = [plan.episode(1, "blocks", n, faults, [({"a"}, {"b"}), ({"c"}, {"c"})]) for n in range(300)]
+    together = {frozenset(s.fault for s in e.steps) for e in episodes}
+    assert not any({"a", "b"} <= t for t in together)
+    assert {"a", "c"} in together and {"b", "d"} in together and {"a", "c", "d"} in together
+
+
+# --- Values ----------------------------------------------------------------------------------
+
+@pytest.mark.parametrize("order", "<>")
+def test_probe(order):
+    """a probe is found wherever it begins, in whatever pieces it comes; a torn one is none"""
+    stream = b"xy" + judge.probe(7, order) + b"z" * 32 + judge.probe(8, order)
+    finder = judge.ProbeFinder(order)
+    assert [n for i in range(len(stream)) for n in finder.feed(stream[i:i + 1])] == [7, 8]
+    torn = judge.probe(7, order)[:32] + judge.probe(8, order)[32:]
+    assert judge.ProbeFinder(order).feed(torn + judge.probe(9, order)) == [9]
+
+
+def test_signals():
+    """the lines for plcSim make just the bytes of a probe"""
+    lines = [line.split() for line in judge.signals(4, "DB11.").splitlines()]
+    assert lines[0][1:] == ["DB11.4", "UINT32", "constant", str(judge.MAGIC)]
+    assert [int(line[1].split(".")[1]) - 4 for line in lines] == [0, 4, 8, 16, 48, 60]
+    assert judge.number_of(struct.pack(">IIQ8IdII", judge.MAGIC, 5, 5, *[5] * 8, 5.0, 0, 5)) == 5
+
+
+@pytest.mark.parametrize("order", "<>")
+def test_setpoint(order):
+    """a setpoint shows its record and number, also in a stream; a torn one is told"""
+    value = judge.setpoint(3, 70001)
+    assert judge.put_of(value) == (3, 70001) and judge.put_of(0) is None and float(value) == value
+    data = struct.pack(order + "hqhq", 5, value, 0, judge.setpoint(31, 70002))
+    finder = judge.PutFinder(order)
+    assert [p for i in range(len(data)) for p in finder.feed(data[i:i + 1])] == [(3, 70001), (31, 70002)]
+    with pytest.raises(judge.Wrong, match="torn"):
+        judge.put_of(value ^ 1)
+
+
+# --- Inputs: blocks 1 ... 9 come at 0.1, 0.2 ... s -------------------------------------------
+
+def inputs():
+    known = judge.Inputs(2.0)
+    for n in range(1, 10):
+        known.delivered(n / 10, n)
+    return known
+
+
+@pytest.mark.parametrize("what, number, at, invalid, kind", [
+    ("the newest", 9, 1.0, False, None),
+    ("one of just now", 8, 1.0, False, None),
+    ("one that is too old", 2, 1.5, False, "stale"),
+    ("nobody's", 77, 1.0, False, "wrong"),
+    ("the newest, within the timeout", 9, 2.8, False, None),
+    ("the newest, beyond it", 9, 3.5, False, "stale"),
+    ("the same, with an alarm", 9, 3.5, True, None),
+])
+def test_inputs(what, number, at, invalid, kind):
+    """a record that shows {what}"""
+    known = inputs()
+    if kind is None:
+        known.got("n", at, at + 0.01, number, invalid, slack=0.3)
+    else:
+        with pytest.raises(judge.Wrong, match=kind):
+            known.got("n", at, at + 0.01, number, invalid, slack=0.3)
+
+
+def test_inputs_connection():
+    """after the end of the connection no alarm is wrong, until a block has come again; a record may need a moment"""
+    known = inputs()
+    known.ended(1.0)
+    known.got("n", 1.1, 1.1, 9, False, slack=0.3)
+    with pytest.raises(judge.Wrong, match="stale"):
+        known.got("n", 1.5, 1.5, 9, False, slack=0.3)
+    known.delivered(1.6, 10)
+    known.got("n", 1.9, 1.9, 10, False, slack=0.2)
+
+
+def test_inputs_blind():
+    """of an IOC that stands still nothing is expected; afterwards it is"""
+    known = inputs()
+    known.begins("blind", 1.0)
+    known.got("n", 5.0, 5.0, 9, False, slack=0.3)
+    known.over("blind", 5.0)
+    with pytest.raises(judge.Wrong, match="stale"):
+        known.got("n", 6.0, 6.0, 9, False, slack=0.3)
+
+
+def test_inputs_loose():
+    """while blocks may not be usable an older one is right, but not one beyond the timeout"""
+    known = inputs()
+    known.begins("loose", 0.3)
+    known.got("n", 1.5, 1.5, 2, False, slack=0.3)
+    for n in range(10, 90):
+        known.delivered(n / 10, n)
+    with pytest.raises(judge.Wrong, match="stale"):
+        known.got("n", 9.0, 9.0, 2, False, slack=0.3)
+
+
+@pytest.mark.parametrize("numbers, kind", [
+    ([1, 2, 2, 5, 9], None), ([1, 5, 4], "doubled"), ([1, 77], "wrong")])
+def test_events(numbers, kind):
+    """what a monitor tells comes in the order of blocks: {numbers}"""
+    known = inputs()
+    if kind is None:
+        for n in numbers:
+            known.event("n", n)
+    else:
+        with pytest.raises(judge.Wrong, match=kind):
+            for n in numbers:
+                known.event("n", n)
+
+
+def test_whole():
+    """an array of two blocks is torn"""
+    assert judge.whole("a", [4, 4, 4]) == 4
+    with pytest.raises(judge.Wrong, match="torn"):
+        judge.whole("a", [4, 4, 5])
+
+
+# --- Outputs ---------------------------------------------------------------------------------
+
+def outputs(puts, **kw):
+    """Outputs with so many puts to each record; their numbers are 70001 ..."""
+    known = judge.Outputs(**kw)
+    for record in puts:
+        known.put(record)
+    return known
+
+
+@pytest.mark.parametrize("got, kind", [
+    ([(1, 70001), (1, 70003)], None),              # the newest counts
+    ([(1, 70003), (1, 70001)], "doubled"),
+    ([(1, 70009)], "wrong"),
+    ([(1, 70002)], "wrong"),                       # that was record 2
+])
+def test_outputs(got, kind):
+    """the PLC gets puts 1 and 3 of record 1: {got}"""
+    known = outputs([1, 2, 1])
+    if kind is None:
+        for record, number in got:
+            known.got(record, number)
+        known.quiet(1)
+    else:
+        with pytest.raises(judge.Wrong, match=kind):
+            for record, number in got:
+                known.got(record, number)
+
+
+def test_outputs_last():
+    """when it is quiet the last put is there"""
+    known = outputs([1, 1])
+    known.got(1, 70001)
+    with pytest.raises(judge.Wrong, match="lost"):
+        known.quiet(1)
+
+
+def test_outputs_acknowledged():
+    """over a wire with answers: once a connection, and what was acknowledged is there"""
+    known = outputs([1], acknowledged=True)
+    with pytest.raises(judge.Wrong, match="lost"):
+        known.acknowledged_put(1, 70001)
+    known.got(1, 70001, line=1)
+    known.acknowledged_put(1, 70001)
+    known.got(1, 70001, line=2)
+    with pytest.raises(judge.Wrong, match="doubled"):
+        known.got(1, 70001, line=2)
+
+
+def test_outputs_block():
+    """a block of the IOC: each place has its own record's value; one that was written is not 0 again"""
+    known = outputs([1, 2])
+    known.got_block([judge.setpoint(1, 70001), 0])
+    known.got_block([judge.setpoint(1, 70001), judge.setpoint(2, 70002)])
+    with pytest.raises(judge.Wrong, match="lost"):
+        known.got_block([0, judge.setpoint(2, 70002)])
+    with pytest.raises(judge.Wrong, match="wrong"):
+        known.got_block([judge.setpoint(2, 70002), judge.setpoint(2, 70002)])
+    known.new_ioc()
+    known.got_block([0, 0])
+
+
+def test_edges():
+    """each edge of a bit is seen while the connection holds; a loss excuses"""
+    edges = Edges()
+    edges.quiet(0)
+    for bit in (edges.next(), edges.next()):
+        edges.got(bit)
+    edges.quiet(0)
+    edges.next(), edges.next()  # there and back, unseen
+    with pytest.raises(judge.Wrong, match="lost"):
+        edges.quiet(0)
+    edges.next(), edges.next()
+    edges.quiet(1)
+
+
+def test_held():
+    """with the handshake: what the PLC holds only rises, and a refused put never gets there"""
+    held = judge.Held()
+    put, hmi, refused = held.new(1, "put"), held.new(1, "HMI"), held.new(1, "put")
+    held.shows(1, 0)
+    held.shows(1, hmi)
+    with pytest.raises(judge.Wrong, match="doubled"):
+        held.shows(1, put)
+    held.refuse(refused & 0xFFFFFF)
+    with pytest.raises(judge.Wrong, match="refused"):
+        held.shows(1, refused)
+    with pytest.raises(judge.Wrong, match="lost"):
+        held.shows(1, 0)
+    held.memory_lost()
+    held.shows(1, 0)
+    with pytest.raises(judge.Wrong, match="doubled"):
+        held.shows(1, hmi)
+
+
+# --- The rest --------------------------------------------------------------------------------
+
+def test_frames():
+    """blocks of fixed size from a stream in pieces"""
+    frames = Frames(4)
+    assert frames.feed(b"abc") == [] and frames.feed(b"defghij") == [b"abcd", b"efgh"]
+
+
+def test_lies():
+    """lies concern one way and one size, now and then"""
+    blocks = [bytes([n]) * 8 for n in range(100)]
+    for kind, expected in (("tear", b"\x27" * 4 + b"\x26" * 4), ("repeat", b"\x22" * 8), ("drop", b"\x26" * 8)):
+        lie, state = wire.lie_of(kind, wire.TO_IOC, 8), {}
+        told = [lie(wire.TO_IOC, block, state) for block in blocks]
+        assert told[:39] == blocks[:39] and told[39] == expected
+        assert lie(wire.TO_PLC, b"12345678", {}) == b"12345678" and lie(wire.TO_IOC, b"1", {}) == b"1"
+
+
+def test_report():
+    """the page says what was wrong, escapes it, and needs nothing else"""
+    class options:
+        seed, duration, transports, instances = 5, 60.0, ["blocks"], 1
+    result = {"about": {"name": "blocks", "instance": 0, "seed": 5, "duration": 60}, "episodes": 3,
+              "faults": {"reset": 2}, "counts": {"values judged": 7}, "seconds": 60.0, "ended": True,
+              "figures": {"gap": {"reset": {"n": 2, "max": 0.5, "values": [0.1, 0.5]}}},
+              "series": [[0.0, 1e6, 10, 1], [5.0, 2e6, 11, 1]], "failure": None}
+    page = report.page(options, [(None, result)])
+    assert "Nothing lost" in page and "make soak SEED=5" in page and page.count("<svg") >= 4
+    assert "<script" not in page and "http-equiv" not in page
+    page = report.page(options, [(None, {**result, "failure": "stale: <n>"})])
+    assert "Nothing lost" not in page and "stale: &lt;n&gt;" in page
