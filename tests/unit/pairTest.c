@@ -165,6 +165,7 @@ static void pull(void)
 static void nobody(void)
 {
     char reason[PLC_REASON_SIZE];
+    unsigned connects;
 
     testDiag("Nobody sends");
     waitFor(w.now.connected[1]);
@@ -175,6 +176,9 @@ static void nobody(void)
            "no PRIMARY, BACKUP unknown; the records say \"%s\"", reason);
     testOk(!plcStationConnected(w.station, reason) && reason[0],
            "puts are told why not: \"%s\"", reason);
+    connects = seen(1).connects;
+    testOk(waitFor(seen(1).connects > connects + 1),
+           "SECOND is connected to anew and anew: its connection may be dead");
     pairPeerPull(w.plc[0], 0);
     testOk(waitFor(w.now.primary == pairFirst && w.valid), "FIRST sends again: it leads");
     w.gap = 0;
@@ -331,7 +335,7 @@ static void readBack(int track)
 
 MAIN(pairTest)
 {
-    testPlan(67 + 2 * 6);
+    testPlan(68 + 2 * 6);
     configure();
     plcStationsDestroy();
     start();

@@ -66,6 +66,7 @@ PLC_COLD static void setLeader(plcStation *s, int leader, epicsUInt64 now)
     if (leader == s->leader)
         return;
     s->leader = leader;
+    s->leaderSince = now;
     if (leader >= 0)
         s->lastLeader = leader;
     epicsMutexMustLock(s->lock);
@@ -167,11 +168,15 @@ PLC_COLD static void countVerdict(plcLine *line, epicsUInt64 now)
     line->verdicts++;
 }
 
-/* When the PLC has been silent for too long on this connection. */
+/* When the PLC has been silent for too long on this connection. One of a pair may begin to send
+ * when nobody leads any more. */
 static epicsUInt64 silenceDue(const plcStation *s, const plcLine *line)
 {
-    return (line->lastBlock ? line->lastBlock : line->connection.since) +
-           plcMsToNs(s->now.recvTimeout);
+    epicsUInt64 since = line->lastBlock ? line->lastBlock : line->connection.since;
+
+    if (s->leader < 0 && since < s->leaderSince)
+        since = s->leaderSince;
+    return since + plcMsToNs(s->now.recvTimeout);
 }
 
 /* One that ends at once, without a block: many PLCs serve one client for each port. */
@@ -180,6 +185,13 @@ static int looksTaken(const plcStation *s, unsigned i, epicsUInt64 lasted, const
     return s->inSize && !plcLineIsOutput(s, i) && !plcLineExchanges(s, i) &&
            !plcStationIsPair(s) && !s->lines[i].lastBlock && lasted < plcMsToNs(TAKEN_MS) &&
            (strstr(why, "closed by PLC") || strstr(why, "reset by PLC"));
+}
+
+/* Of a pair only the PRIMARY sends. When nobody leads, one of both connections may be dead
+ * although TCP has not noticed: each is made anew in its turn. */
+static int mustSend(const plcStation *s, unsigned i)
+{
+    return !plcStationIsPair(s) || s->leader < 0 || (int)i == s->leader;
 }
 
 /* Who was lost, why, where, and after how long. */
@@ -230,7 +242,7 @@ PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char
     /* One that accepts connections and sends nothing says so once. */
     line->lostEmpty = plcLineIsOutput(s, i) || (plcLineExchanges(s, i) && !s->inSize)
                           ? !epicsAtomicGetIntT(&s->taken)
-                          : s->inSize && !plcStationIsPair(s) && !line->lastBlock;
+                          : s->inSize && !line->lastBlock && mustSend(s, i);
     if (plcLineExchanges(s, i)) {
         plcExchangeLost(s, why);
         plcExchangeDown(s);
@@ -437,7 +449,7 @@ PLC_HOT void plcLineStep(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64
         }
     }
     if (c->state == plcConnectionUp && s->inSize && !plcLineExchanges(s, i) &&
-        (!plcStationIsPair(s) || (int)i == s->leader)) {
+        mustSend(s, i)) {
         due = silenceDue(s, line);
         if (s->looked >= due) {
             lineSilent(s, i, now);

@@ -164,6 +164,7 @@ struct plcStation {
     plcLine lines[PLC_LINES_MAX];
     int leader;              /* index of the leading line, -1 none */
     int lastLeader;          /* the same, or the last that led */
+    epicsUInt64 leaderSince; /* monotonic: since when leader is what it is; 0: the start */
     epicsUInt64 looked;      /* all that came in until then was seen */
     int valid;               /* the input image is valid */
     int frozen;              /* the alive word stands still */
