@@ -85,7 +85,7 @@ fetch_base_source() {
 
 # Builds EPICS Base into $1: libcom, ca, database, pvData, pvAccess, normativeTypes, QSRV.
 build_base() {
-    say "building EPICS Base into $1 (once, some minutes) ..."
+    say "building EPICS Base into $1 (once, some minutes; what it does: $1.log) ..."
     packages build-essential perl libreadline-dev dpkg-dev xz-utils ca-certificates debian-archive-keyring
     mkdir -p "$1.work"
     (

@@ -10,6 +10,7 @@ import pytest
 
 from client import ARCH, TOP
 from ioc import Ioc
+from waiting import until
 
 FILES = [TOP / "README.md", *sorted(file for file in (TOP / "docs").rglob("*.md")
                                     if "O.site" not in file.parts)]
@@ -166,7 +167,7 @@ def readme_block(after):
 def test_readme(run):
     """the ten lines of the README run just as they are written"""
     (run.folder / "my.db").write_text(readme_block("`my.db`:\n"))
-    start = readme_block("(`caget MY:TEMP`):\n").strip()
+    start = readme_block("configure/RELEASE.local` names):\n").strip()
     assert start == f"bin/{ARCH}/s7plcIoc st.cmd"
     log = run(readme_block("`st.cmd`:\n") + "dbl\ns7plcReport", head=False)
     assert not complaints(log), log
@@ -188,6 +189,19 @@ def test_readme_values(new_peer, new_ioc):
     assert ioc.get("DOOR") == 1
     ioc.put("SETP", 2.5)
     peer.wait_block(struct.pack(">f28x", 2.5))
+
+
+def test_readme_simulated(new_sim, new_ioc):
+    """the README's simulated PLC sends the values of its records, and takes the setpoint"""
+    sim = new_sim(readme_block("`my.plc`:\n"))
+    configure = [line for line in readme_block("`st.cmd`:\n").splitlines()
+                 if line.startswith("s7plcConfigure")][0]
+    ioc = new_ioc(configure.replace("192.168.0.10, 2000", f"127.0.0.1, {sim.port}"),
+                  readme_block("`my.db`:\n").replace("$(P):", "$(P)"))
+    ioc.wait_value("DOOR", 1)
+    assert 20 <= ioc.get("TEMP") <= 30
+    ioc.put("SETP", 2.5)
+    until(lambda: sim.command("get out 0 REAL32").endswith("= 2.5"))
 
 
 # --- Commands with wrong arguments -----------------------------------------------------------------

@@ -1,4 +1,5 @@
 """The how-tos: what a reader would copy into files of his own works as it stands there."""
+import os
 import re
 import shlex
 import socket
@@ -7,9 +8,9 @@ import sys
 
 import pytest
 
-import test_application as application
-from client import ARCH, TOP
+from client import ARCH, BASE, TOP
 from ioc import Ioc, errors_in
+from test_tutorial import file as tutorial
 from waiting import LIMIT, until
 
 sys.path.insert(0, str(TOP / "s7plcApp/op"))
@@ -27,19 +28,53 @@ def block(page, begins):
     raise AssertionError(f"{page}: no block that begins with {begins!r}")
 
 
+def run(directory, *command, **more):
+    env = {k: v for k, v in os.environ.items() if not k.startswith(("MAKE", "MFLAGS", "TOP"))}
+    env.setdefault("USER", "someone")  # makeBaseApp.pl asks for it
+    ended = subprocess.run(command, cwd=directory, env=env, text=True, stdout=subprocess.PIPE,
+                           stderr=subprocess.STDOUT, timeout=600, **more)
+    assert ended.returncode == 0, ended.stdout
+    return ended.stdout
+
+
+def here(text):
+    """With the paths of this machine in place of those of the page."""
+    return text.replace("/opt/epics/modules/plclink", str(TOP)).replace("/opt/epics/base", str(BASE))
+
+
+EXTRA = """phoenixplcConfigure P, 127.0.0.1, 2000, 8, 8, 1, 500, 100, 1
+modbusplcConfigure M, 127.0.0.1, 502, 1, "holding 0 4"
+drvEtherIP_define_PLC E, 127.0.0.1, 0
+iocInit
+s7plcReport M 1
+"""
+
+
 @pytest.mark.parametrize("static", [False, True], ids=["shared", "static"])
-def test_application(tmp_path, static, monkeypatch):
-    """the Makefile of the how-to for applications links all wires ({id}); the release is known"""
-    makefile = block("application.md", "TOP = ../..").replace("TOP = ../..", "TOP = ..")
-    makefile = makefile.replace("pump", "mine") + "$(info release $(PLCLINK_VERSION))\n"
-    monkeypatch.setattr(application, "MAKEFILE", re.sub(r"([{}])", r"\1\1", makefile))
-    out = application.build(tmp_path, "", "", static)
-    assert re.search(r"^release \d+\.\d+\.\d+$", out, re.MULTILINE), out
-    out = application.shell(tmp_path, "phoenixplcConfigure P, 127.0.0.1, 2000, 8, 8, 1, 500, 100, 1\n"
-                            'modbusplcConfigure M, 127.0.0.1, 502, 1, "holding 0 4"\n'
-                            "drvEtherIP_define_PLC E, 127.0.0.1, 0\ns7plcReport M 1")
+def test_application(tmp_path, static):
+    """an application made as the how-to says has all wires, the records and the release ({id})"""
+    page = "application.md"
+    run(tmp_path, "bash", "-ec", here(block(page, "export PATH")), stdin=subprocess.DEVNULL)
+    (tmp_path / "configure/RELEASE").write_text(here(block(page, "S7PLC =")))
+    if static:
+        (tmp_path / "configure/CONFIG_SITE.local").write_text("STATIC_BUILD = YES\n")
+    (tmp_path / "pumpApp/src/Makefile").write_text(
+        block(page, "TOP = ../..") + "$(info release $(PLCLINK_VERSION))\n")
+    (tmp_path / "pumpApp/Db/pump.db").write_text(tutorial("pump.db"))
+    makefile = tmp_path / "pumpApp/Db/Makefile"
+    makefile.write_text(makefile.read_text().replace(
+        "include $(TOP)/configure/RULES", "DB += pump.db\ninclude $(TOP)/configure/RULES"))
+    assert re.search(r"^release \d+\.\d+\.\d+$", run(tmp_path, "make", "-s", stdin=subprocess.DEVNULL),
+                     re.MULTILINE)
+
+    st_cmd = block(page, "< envPaths").replace("192.168.0.10, 2000", "127.0.0.1, 1")
+    folder = tmp_path / "iocBoot/iocpump"
+    (folder / "st.cmd").write_text(st_cmd.replace("iocInit\n", EXTRA))
+    out = run(folder, f"../../bin/{ARCH}/pump", "st.cmd", input="dbl\nexit\n")
     assert "in:  holding 0 to 3" in out and "ERROR" not in out, out
-    assert ("libs7plc.so" in application.needs(tmp_path)) is not static
+    assert "PUMP:Level" in out and "PUMP:PLC:State" in out, out
+    program = run(tmp_path, "ldd", f"bin/{ARCH}/pump")
+    assert ("libs7plc.so" in program) is not static
 
 
 def test_many(tmp_path, closing):
