@@ -14,9 +14,9 @@ from waiting import until
 
 FILES = [TOP / "README.md", *sorted(file for file in (TOP / "docs").rglob("*.md")
                                     if "O.site" not in file.parts)]
-OURS = re.compile(r"^(s7plc|phoenixplc|modbusplc|drvAsyn|drvEtherIP_|etheripC)\w*", re.MULTILINE)
+OURS = re.compile(r"^(s7plc|phoenixplc|modbusplc|drvAsyn|drvEtherIP_|etheripC|dbLoadRecords)\w*", re.MULTILINE)
 # Blocks that show a syntax, or what is printed: nothing to run.
-SHOWN = re.compile(r"PLCname|^s7plc \w+: |^s7plcAsyn \w+ |modbusInterposeConfig|^\w+Ioc st.cmd"
+SHOWN = re.compile(r"^(?!#).*PLCname|^s7plc \w+: |^s7plcAsyn \w+ |modbusInterposeConfig|^\w+Ioc st.cmd"
                    r"|\$\(ADDRESS\)",
                    re.MULTILINE)
 
@@ -48,7 +48,7 @@ def run(tmp_path):
         script.write_text(text + lines + "\necho all of it was run\n")
         ended = subprocess.run([f"bin/{ARCH}/{program}", "st.cmd"], cwd=tmp_path, input="exit\n",
                                capture_output=True, text=True, timeout=60,
-                               env={k: v for k, v in os.environ.items() if k != "P"})
+                               env={k: v for k, v in os.environ.items() if k != "P"} | {"S7PLC": "."})
         return ended.stdout + ended.stderr
     start.folder = tmp_path
     return start
@@ -94,6 +94,12 @@ def is_commands(text):
         and "..." not in text
 
 
+def is_loadable(command):
+    """Loads a database of ours, not the reader's own."""
+    file = re.match(r'dbLoadRecords[ ("]+(?:\$\(S7PLC\)/)?(db/[\w.]+)', command)
+    return file and (TOP / file.group(1)).exists()
+
+
 def command_of(line):
     """The command of a line, without the words of explanation beside it; None: there is none."""
     found = re.match(r"((?:s7plc|phoenixplc|modbusplc|drvAsyn|drvEtherIP_|EIP_|etherip)\w*|iocInit|dbLoad\w+)(.*)", line)
@@ -113,9 +119,12 @@ def command_of(line):
 def test_commands(run, text):
     """the commands {id} are accepted"""
     lines = [c for c in map(command_of, text.splitlines()) if c]
+    lines = [c for c in lines if not c.startswith("dbLoad") or is_loadable(c)]
+    assert lines, "nothing to run"
     made = set(re.findall(r'(?:s7plc|phoenixplc|modbusplc)Configure[ ("]+([\w-]+)', "\n".join(lines)))
     used = set(re.findall(r's7plc(?:SetOption|Tables|Report|Show|Send|StatsReset|ModbusOutput)[ ("]+([\w-]+)',
                           "\n".join(lines)))
+    used |= set(re.findall(r"PLC *= *([\w-]+)", "\n".join(filter(is_loadable, lines))))
     used |= set(re.findall(r'drvAsynS7plcConfigure[ ("]+[\w-]+[", ]+([\w-]+)', "\n".join(lines)))
     program = "s7plcIoc"
     if "phoenix" in text:
@@ -124,11 +133,11 @@ def test_commands(run, text):
         program = "s7plcAsynIoc"
         if not (TOP / "bin" / ARCH / program).exists():
             pytest.skip("s7plcAsyn is not built: ASYN is not set in configure/RELEASE.local")
-    (run.folder / "my.db").write_text("")
     (run.folder / "plant.ptr").write_text(next(t for _, t in blocks() if t.startswith("layout ")))
-    log = run(configures(used - made) + "\n".join(
-        c for c in lines if not c.startswith(("dbLoadDatabase", "dbLoadRecords"))), program)
-    assert "all of it was run" in log, log
+    loads = any(map(is_loadable, lines))
+    lines += ["iocInit"] if loads and "iocInit" not in lines else []
+    log = run(configures(used - made) + "\n".join(lines), program)
+    assert "all of it was run" in log and not (loads and complaints(log)), log
 
 
 # --- PLC files and displays ------------------------------------------------------------------
