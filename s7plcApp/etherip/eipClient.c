@@ -5,6 +5,7 @@
 
 #include <cantProceed.h>
 #include <epicsStdio.h>
+#include <epicsStdlib.h>
 #include <epicsString.h>
 #include <epicsTime.h>
 
@@ -51,13 +52,13 @@ void eipClientDestroy(eipClient *c)
 static int begin(eipClient *c, const char *host)
 {
     char name[256], why[100];
-    unsigned port = eipTcpPort;
+    epicsInt32 port = eipTcpPort;
     const char *colon = strchr(host, ':');
 
     epicsSnprintf(name, sizeof(name), "%.*s", (int)strcspn(host, ":"), host);
-    if (colon && (sscanf(colon + 1, "%u", &port) != 1 || port > 65535 || !port))
+    if (colon && (epicsParseInt32(colon + 1, &port, 10, NULL) || port < 1 || port > 65535))
         return fail(c, "port %.40s; allowed: 1 to 65535", colon + 1);
-    if (eipSocketConnect(&c->socket, name, port, c->timeout, why, sizeof(why)))
+    if (eipSocketConnect(&c->socket, name, (unsigned)port, c->timeout, why, sizeof(why)))
         return fail(c, "%.60s: %s", host, why);
     eipConnectBegin(&c->connect, (epicsUInt32)epicsMonotonicGet());
     return 0;

@@ -948,6 +948,15 @@ def test_plctag_writes(plant):
     assert tag("read", "a[", status=1)
 
 
+def test_plctag_port(plant):
+    """plcTag refuses a port that is no number from 1 to 65535, also when it begins like the right one"""
+    plant.tags("tag D DINT")
+    for port in ("", "0", "-1", "65536", "x", f"{plant.port}abc", f"{plant.port} 1", plant.port + 2**32):
+        done = subprocess.run([PLC_TAG, f"127.0.0.1:{port}", "read", "D"], capture_output=True,
+                              text=True, timeout=30)
+        assert done.returncode == 1 and f"port {port}; allowed: 1 to 65535" in done.stderr, done
+
+
 # --- The demonstration --------------------------------------------------------------------
 
 def test_demo():
