@@ -13,6 +13,8 @@
 #include <string.h>
 #include <unistd.h>
 
+#include <epicsString.h>
+
 #include "simCommand.h"
 #include "simConsole.h"
 #include "simDial.h"
@@ -180,6 +182,7 @@ static int overrideAll(simulator *sim, const options *opt)
     int i;
 
     for (i = 0; i < opt->settingCount; i++) {
+        /* NOLINTNEXTLINE(clang-analyzer-core.NonNullParamChecker): -o always has its word */
         char *equals = strchr(opt->settings[i], '=');
 
         if (!equals) {
@@ -339,7 +342,7 @@ static void runCommands(simulator *sim, const options *opt)
     int i;
 
     for (i = 0; i < opt->commandCount; i++) {
-        char *line = strdup(opt->commands[i]);
+        char *line = epicsStrDup(opt->commands[i]);
 
         simCommandRun(sim, line, &answer);
         free(line);

@@ -274,6 +274,7 @@ static void logRole(phoenixPair *p, const pairRole *before)
                       text);
     }
     if (r->twoPrimaries && !before->twoPrimaries) {
+        /* NOLINTNEXTLINE(clang-analyzer-core.CallAndMessage): of two that send one leads */
         epicsSnprintf(text, sizeof(text), "two PRIMARIES: both PLCs send; %s stays",
                       phoenixName[r->leader]);
         plcStationLog(p->station, errlogMajor, text);

@@ -323,7 +323,7 @@ void simEipForwardClose(simEipController *c, const simEipRequest *request,
     simEipAddInt(answer, 2, vendor);
     simEipAddInt(answer, 4, originator);
     simEipAddInt(answer, 2, 0); /* application data or rest of the path, reserved */
-    if (answer->status)
+    if (!connection || answer->status)
         return;
     c->connections.closed++;
     simEipConnectionEnd(connection);

@@ -451,6 +451,7 @@ static int parseMember(const simEipTypes *types, simEipType *type, const char *w
     if (dims[1])
         return simFail(error, "udt %s: a member has one dimension", type->name);
     if (type->memberCount >= MAX_MEMBERS ||
+        /* NOLINTNEXTLINE(clang-analyzer-core.NullDereference): a failed parse is not 0 */
         what->size * (dims[0] ? dims[0] : 1) > MAX_ELEMENTS - type->size)
         return simFail(error, "udt %s is too large", type->name);
     if (what->kind == eipBool)

@@ -67,6 +67,7 @@ static int setText(const simEipType *type, epicsUInt8 *p, const char *word,
                        (unsigned long)length, type->name, (unsigned long)type->text);
     memset(p, 0, type->size);
     simEipPut(p, textHead(type), length);
+    /* NOLINTNEXTLINE(bugprone-not-null-terminated-result): its length stands in front */
     memcpy(p + textHead(type), word, length);
     return 0;
 }

@@ -40,6 +40,7 @@ epicsUInt64 simGetInt(const epicsUInt8 *p, size_t size, int bigEndian)
 static epicsInt64 getSigned(const epicsUInt8 *p, size_t size, int bigEndian)
 {
     epicsUInt64 value = simGetInt(p, size, bigEndian);
+    /* NOLINTNEXTLINE(clang-analyzer-core.UndefinedBinaryOperatorResult): size is 1 to 8 */
     epicsUInt64 sign = (epicsUInt64)1 << (8 * size - 1);
 
     return (epicsInt64)((value ^ sign) - sign);
@@ -135,6 +136,7 @@ void simPutText(const simType *type, epicsUInt8 *p, const char *text)
         *p++ = (epicsUInt8)size;
         *p++ = (epicsUInt8)length;
     }
+    /* NOLINTNEXTLINE(bugprone-not-null-terminated-result): a full one has no zero */
     memcpy(p, text, length);
     memset(p + length, 0, size - length);
 }
@@ -194,7 +196,7 @@ void simPutDtl(epicsUInt8 *p, int bigEndian, double seconds)
     struct tm tm;
     long ns = splitTime(seconds, &tm);
 
-    simPutInt(p, 2, bigEndian, (epicsUInt64)(tm.tm_year + 1900));
+    simPutInt(p, 2, bigEndian, (epicsUInt64)tm.tm_year + 1900);
     p[2] = (epicsUInt8)(tm.tm_mon + 1);
     p[3] = (epicsUInt8)tm.tm_mday;
     p[4] = (epicsUInt8)(tm.tm_wday + 1);
@@ -213,6 +215,7 @@ static int setInteger(const simTypeInfo *info, epicsUInt8 *p, int bigEndian,
     const char *digits = word + (negative || word[0] == '+');
     int hex = digits[0] == '0' && tolower((unsigned char)digits[1]) == 'x';
     unsigned bits = (unsigned)(8 * info->size);
+    /* NOLINTNEXTLINE(clang-analyzer-core.UndefinedBinaryOperatorResult): bits is 8 to 64 */
     epicsUInt64 lowest = (epicsUInt64)1 << (bits - 1); /* of negative numbers */
     /* 0xffff is a way to write an INT16, 65535 is not */
     epicsUInt64 highest =

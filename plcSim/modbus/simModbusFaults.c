@@ -102,7 +102,7 @@ static int takeTable(reader *r, simModbusRule *rule)
 /* [read|write] [<table> ...] [function <n>] [next <n>], in any order */
 static int takeFilter(reader *r, simModbusRule *rule)
 {
-    unsigned long number;
+    unsigned long number = 0;
 
     while (more(r)) {
         if (takeWord(r, "read")) {

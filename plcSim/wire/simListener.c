@@ -60,7 +60,7 @@ static int resolve(const char *name, unsigned port, struct sockaddr_in *address)
 /* Our own connections, which filled the queue while unplugged, are no clients. */
 static int isDecoy(simListener *listener, const struct sockaddr_in *peer)
 {
-    struct sockaddr_in own;
+    struct sockaddr_in own = {0};
     socklen_t length;
     int i;
 

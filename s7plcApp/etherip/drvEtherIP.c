@@ -450,7 +450,8 @@ static int setting(const char *command, const iocshArgBuf *arg, double low, doub
         return 0;
     errlogSevPrintf(errlogMajor, "%s \"%.40s\"; allowed: %.10g to %.10g%s\n", command,
                     arg->sval ? arg->sval : "", low, high, unit);
-    return iocshSetError(-1);
+    iocshSetError(-1);
+    return -1;
 }
 
 /* Records that are there have theirs. */

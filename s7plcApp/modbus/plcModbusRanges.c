@@ -175,7 +175,7 @@ static int takeTable(const parser *p, span *rest, plcTable *table)
 static int takeExtras(const parser *p, span *rest, plcRange *range)
 {
     int at = 0, every = 0, unit = 0;
-    unsigned long value;
+    unsigned long value = 0;
     span word;
 
     while ((word = nextWord(rest)).length) {
@@ -237,7 +237,7 @@ static int parseRange(const parser *p, const plcRange *ranges, plcRange *range)
 {
     const plcRange *before = p->number > 1 ? range - 1 : NULL;
     span rest = p->item;
-    unsigned long value;
+    unsigned long value = 0;
 
     if (takeTable(p, &rest, &range->table) ||
         takeNumber(p, &rest, "start", 0, TABLE_SIZE - 1, "", &value))
