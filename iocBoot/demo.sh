@@ -96,6 +96,7 @@ start_plc() {
     local stdin= name=$1 orders=$2 file=$3
     shift 3
     [ "$orders" != /dev/null ] || stdin=--no-stdin
+    : >"$tmp/$name.log" # the line that waits below may be sooner than plcSim
     "$bin/plcSim" $stdin --port 0 "$@" --console "$tmp/$name.sock" "$file" \
         >"$tmp/$name.log" 2>&1 4>&- 5>&- <"$orders" &
     children="$children $!"
