@@ -362,6 +362,13 @@ def test_name_of_the_map(tmp_path, name):
     assert result.status == 1 and "becomes the name of files and stands in st.cmd; allowed: " in result.err
 
 
+@pytest.mark.parametrize("patience", ["nan", "inf", "1e999", "-1", "0", "x"])
+def test_patience(tank, patience):
+    """{patience} as --patience is refused: what differs would be read for ever"""
+    result = plcmap("prove", tank, "--patience=" + patience)
+    assert result.status == 2 and "allowed: seconds, up to 3600" in result.err
+
+
 @pytest.mark.parametrize("encoding", ["punycode", "undefined", "a\0b", "rot13"])
 def test_encoding(tank, encoding):
     """{encoding!r} as --encoding is refused"""

@@ -7,6 +7,7 @@ from . import VERSION
 from .check import check
 from .files import is_workbook, load, load_sheets, save
 from .problems import Place, Refused, Report
+from .sheets import number
 
 OK, WRONG, USAGE, BROKEN = 0, 1, 2, 3
 
@@ -124,6 +125,13 @@ def cmd_prove(args):
     return OK if prove(map_, args) else WRONG
 
 
+def _seconds(text):
+    value = number(text)
+    if value is None or not 0 < value <= 3600:
+        raise argparse.ArgumentTypeError('"%s"; allowed: seconds, up to 3600' % text)
+    return value
+
+
 def _parser():
     parser = argparse.ArgumentParser(
         prog="plcmap", description="One map of a PLC's values: check it, give places, make "
@@ -187,7 +195,7 @@ def _parser():
     sub.add_argument("--bin", help="folder of plcSim and s7plcIoc (that of plcmap)")
     sub.add_argument("--base-bin", help="folder of softIoc, caget and caput ($EPICS_BASE/bin/...)")
     sub.add_argument("--keep", metavar="FOLDER", help="keep all files and logs there")
-    sub.add_argument("--patience", type=float, default=10.0, metavar="S",
+    sub.add_argument("--patience", type=_seconds, default=10.0, metavar="S",
                      help="seconds until a value must agree (10)")
     sub.add_argument("-v", "--verbose", action="store_true", help="each comparison")
     return parser
