@@ -1,4 +1,5 @@
-"""What docs/security.md says of sockets, of a network that sends anything, and of limits."""
+"""What docs/security.md says of sockets, of a network that sends anything, of compiled files, and
+of limits."""
 import os
 import random
 import re
@@ -141,6 +142,26 @@ def test_random_bytes(new_ioc, closing, wire):
     assert ioc.memory() < memory + 4e6
     # one line for the beginning and the end of a connection; repeats are not told
     assert len(ioc.lines) - lines <= 2 * 8
+
+
+# --- How it is compiled -------------------------------------------------------------------------------
+@pytest.mark.parametrize("product", ["bin/*/s7plcIoc", "bin/*/plcSim", "lib/*/libs7plc.so", "lib/*/libether_ip.so"])
+def test_hardened(product):
+    """{product} has read-only tables of the loader, guarded stacks and checked copies"""
+    found = list(TOP.glob(product))
+    if not found:
+        pytest.skip("built without it")
+    dynamic, headers, symbols = (
+        subprocess.run(["readelf", "-W", words, found[0]], capture_output=True, text=True, check=True).stdout
+        for words in ("-d", "-l", "--dyn-syms"))
+    if "san.so" in dynamic:
+        pytest.skip("built with a sanitizer")
+    assert "GNU_RELRO" in headers
+    assert "BIND_NOW" in dynamic or re.search(r"FLAGS_1.*NOW", dynamic)
+    if product.endswith("Ioc"):
+        return  # its few lines have nothing on a stack that could be guarded
+    assert "__stack_chk_fail" in symbols
+    assert re.search(r"__\w+_chk@", symbols)
 
 
 # --- Limits -----------------------------------------------------------------------------------------
