@@ -219,6 +219,15 @@ void eipTemplatesClear(eipTemplates *templates)
     }
 }
 
+int eipTemplatesHaveRoom(const eipTemplates *templates, const eipTemplate *t)
+{
+    unsigned n = t->count, i;
+
+    for (i = 0; i < eipTemplatesMax; i++)
+        n += templates->table[i] ? templates->table[i]->count : 0;
+    return n <= eipMembersMax;
+}
+
 unsigned eipElementSize(const eipTemplates *templates, unsigned type)
 {
     const eipTemplate *t;

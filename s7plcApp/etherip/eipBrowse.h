@@ -14,7 +14,8 @@ enum {
     eipMemberNameMax = 80,
     eipSymbolStructure = 0x8000, /* bits of a symbol's type */
     eipSymbolSystem = 0x1000,
-    eipTemplatesMax = 4096
+    eipTemplatesMax = 4096,
+    eipMembersMax = 1 << 18 /* of all templates together */
 };
 
 /* One tag of the list. */
@@ -108,6 +109,9 @@ typedef struct eipTemplates {
 } eipTemplates;
 
 void eipTemplatesClear(eipTemplates *templates);
+
+/* May one more be kept, whose sizes are known? A PLC may tell of any number of members. */
+int eipTemplatesHaveRoom(const eipTemplates *templates, const eipTemplate *t);
 
 /* Where a member is, as "b[2].c" names it. */
 typedef struct eipMemberPlace {

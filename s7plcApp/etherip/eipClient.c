@@ -287,7 +287,8 @@ const eipTemplate *eipClientTemplate(eipClient *c, unsigned id)
         return c->templates.table[id];
     t = callocMustSucceed(1, sizeof(*t), "eipClient");
     eipTemplateSizePut(&w, id);
-    if (eipClientAsk(c, &w, &answer) || answer.status || eipTemplateSizeTake(&answer, id, t)) {
+    if (eipClientAsk(c, &w, &answer) || answer.status || eipTemplateSizeTake(&answer, id, t) ||
+        !eipTemplatesHaveRoom(&c->templates, t)) {
         free(t);
         return NULL;
     }
@@ -343,7 +344,7 @@ static const char *typeText(eipClient *c, unsigned type, const epicsUInt32 *dime
 }
 
 /* The symbols of one answer, behind those that are there. Returns as eipSymbolTake at the end;
- * -1 too when the list goes round in circles. */
+ * -1 too when the list goes round in circles, or does not end. */
 static int takeSymbols(const eipAnswer *answer, epicsUInt32 *next, eipSymbol **found, size_t *n,
                        size_t *room)
 {
@@ -353,7 +354,7 @@ static int takeSymbols(const eipAnswer *answer, epicsUInt32 *next, eipSymbol **f
     int status;
 
     while ((status = eipSymbolTake(&r, &symbol)) > 0) {
-        if (symbol.id < *next)
+        if (symbol.id < *next || *n >= eipClientTagsMax)
             return -1;
         *next = symbol.id + 1;
         if (!eipSymbolCounts(&symbol))

@@ -16,6 +16,7 @@
 enum {
     eipClientMessageMax = 65000,
     eipClientValueMax = 1 << 20, /* bytes of one value */
+    eipClientTagsMax = 100000, /* in one list */
     eipClientNameMax = 2 * eipSymbolNameMax + 2
 };
 

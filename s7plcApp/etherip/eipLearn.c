@@ -297,7 +297,8 @@ static int beginTemplate(eipWorker *w, unsigned id)
     if (eipWorkerAsk(w, &m, &answer))
         return -1;
     t = callocMustSucceed(1, sizeof(*t), "etherip");
-    if (answer.status || eipTemplateSizeTake(&answer, id, t)) {
+    if (answer.status || eipTemplateSizeTake(&answer, id, t) ||
+        !eipTemplatesHaveRoom(w->tags.templates, t)) {
         free(t);
         b->stage = eipBrowseDone; /* it would be asked for again and again */
         return 1;

@@ -519,6 +519,15 @@ static void testTemplates(void)
     testOk(strcmp(t->name, "Motor") == 0 && strcmp(t->members[5].name, "Temps") == 0,
            "members of %s", t->name);
     testOk(eipMemberFind(&known, 0, "Pos", &place) == -1, "no structure has template 0");
+    memset(&read, 0, sizeof(read));
+    read.count = 65535;
+    for (i = 1; i < 4; i++)
+        known.table[i] = &read;
+    testOk(eipTemplatesHaveRoom(&known, &read), "four templates of 65,535 members are kept");
+    known.table[4] = &read;
+    testOk(!eipTemplatesHaveRoom(&known, &read), "a fifth is not");
+    for (i = 1; i < 5; i++)
+        known.table[i] = NULL;
     known.table[0x101] = t;
     testOk(eipMemberFind(&known, 0x101, "axis[1].Pos", &place) == 0x102,
            "the template of a member is needed");
