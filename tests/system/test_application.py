@@ -34,12 +34,12 @@ s7plcReport PLC 0
 """
 
 
-def build(directory, dbd, libs, static):
-    """An application in the style of makeBaseApp; returns make's output."""
+def build(directory, dbd, libs, static, module=TOP):
+    """An application in the style of makeBaseApp, with the installed module; returns make's output."""
     (directory / "configure").mkdir()
     for name in ("CONFIG", "CONFIG_SITE", "RULES", "RULES_TOP", "RULES_DIRS", "Makefile"):
         shutil.copy(f"{BASE}/templates/makeBaseApp/top/configure/{name}", directory / "configure")
-    (directory / "configure/RELEASE").write_text(f"S7PLC = {TOP}\nEPICS_BASE = {BASE}\n")
+    (directory / "configure/RELEASE").write_text(f"S7PLC = {module}\nEPICS_BASE = {BASE}\n")
     (directory / "Makefile").write_text(
         "TOP = .\ninclude $(TOP)/configure/CONFIG\nDIRS += configure src\n"
         "src_DEPEND_DIRS = configure\ninclude $(TOP)/configure/RULES_TOP\n")

@@ -5,6 +5,7 @@ import subprocess
 
 import pytest
 
+import test_application as application
 from client import ARCH, BASE, TOP
 
 
@@ -116,7 +117,7 @@ def test_without_modbus(tmp_path):
 
 
 def test_install_location(tmp_path, built):
-    """with INSTALL_LOCATION the documents and examples are there, and an example starts"""
+    """with INSTALL_LOCATION documents and examples are there; an example and an application start"""
     there = tmp_path / "there"
     run = make(built, "-s", "-j2", f"INSTALL_LOCATION={there}")
     assert run.returncode == 0, run.stderr
@@ -128,3 +129,9 @@ def test_install_location(tmp_path, built):
                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=60,
                          env={**os.environ, "PLC_PORT": "1"}).stdout
     assert "PLC1 127.0.0.1:1" in out and "Can't open" not in out, out
+    for static in (False, True):
+        mine = tmp_path / f"mine{static}"
+        mine.mkdir()
+        application.build(mine, "s7plc.dbd", "s7plc", static, there)
+        application.shell(mine)
+        assert (str(there) in application.needs(mine)) is not static
