@@ -409,7 +409,9 @@ static void hook(initHookState state)
 #endif
     } else if (state == initHookAfterIocRunning) {
         plcStationsRun();
-#ifdef HAVE_SHUTDOWN_HOOK
+#ifndef HAVE_SHUTDOWN_HOOK
+        hooked = 0; /* nobody says when the IOC ends: the next one registers again */
+#else
     } else if (state == initHookAtShutdown) {
         hooked = 0;
         plcStationsStop();
