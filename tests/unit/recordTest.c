@@ -13,7 +13,9 @@
 #include <epicsStdlib.h>
 #include <epicsString.h>
 #include <epicsUnitTest.h>
+#include <epicsVersion.h>
 #include <errlog.h>
+#include <recGbl.h> /* HAS_ALARM_MESSAGE */
 
 #include "plcBlocks.h"
 #include "recordTest.h"
@@ -197,6 +199,28 @@ static void getLong(const char *pv, char *text, size_t size)
     dbChannelDelete(channel);
 }
 
+/* Until 7.0.6 an mbboDirect makes VAL of its bits when it processes: a put to VAL is lost, and who
+ * has such a Base puts the bits. */
+static int isBits(const DBADDR *addr)
+{
+    return EPICS_VERSION_INT < VERSION_INT(7, 0, 6, 1) &&
+           strcmp(addr->precord->rdes->name, "mbboDirect") == 0 &&
+           strcmp(addr->pfldDes->name, "VAL") == 0;
+}
+
+static long putBits(const char *pv, unsigned long value)
+{
+    char name[80];
+    long status = 0;
+    unsigned i;
+
+    for (i = 0; i < 32; i++) {
+        epicsSnprintf(name, sizeof(name), "%.*s.B%X", (int)strcspn(pv, "."), pv, i);
+        status = put(name, value >> i & 1 ? "1" : "0");
+    }
+    return status;
+}
+
 long put(const char *pv, const char *text)
 {
     static char elements[ARRAY_MAX][MAX_STRING_SIZE];
@@ -207,6 +231,8 @@ long put(const char *pv, const char *text)
         testAbort("no field %s", pv);
     if (isLong(&addr))
         return putLong(pv, text);
+    if (isBits(&addr))
+        return putBits(pv, strtoul(text, NULL, 10));
     if (addr.no_elements > 1)
         return dbPutField(&addr, DBR_STRING, elements, split(text, elements));
     if (addr.field_type == DBF_ENUM)
@@ -279,6 +305,51 @@ void isValue(const char *pv, const char *expected, const char *title)
     if (!ok)
         testDiag("%s is \"%s\", not \"%s\"", pv, value, expected);
 }
+
+#ifdef HAS_ALARM_MESSAGE
+static const char *messageOf(const char *record)
+{
+    char pv[80];
+
+    epicsSnprintf(pv, sizeof(pv), "%s.AMSG", record);
+    return get(pv);
+}
+
+void isMessage(const char *record, const char *expected, const char *title)
+{
+    const char *message = messageOf(record);
+    int ok = strcmp(message, expected) == 0;
+
+    testOk(ok, "%s", title);
+    if (!ok)
+        testDiag("%s.AMSG is \"%s\", not \"%s\"", record, message, expected);
+}
+
+void saysWhy(const char *record)
+{
+    testOk(messageOf(record)[0] != 0, "%s says why: %s", record, messageOf(record));
+}
+
+int isReason(const char *record, const char *expected)
+{
+    return strcmp(messageOf(record), expected) == 0;
+}
+#else
+void isMessage(const char *record, const char *expected, const char *title)
+{
+    testSkip(1, "this Base has no AMSG");
+}
+
+void saysWhy(const char *record)
+{
+    testSkip(1, "this Base has no AMSG");
+}
+
+int isReason(const char *record, const char *expected)
+{
+    return 1;
+}
+#endif
 
 /* --- Bytes -------------------------------------------------------------------------- */
 

@@ -43,6 +43,13 @@ const char *get(const char *pv);
 /* Passes when the field has this value: as text, or as a number. */
 void isValue(const char *pv, const char *expected, const char *title);
 
+/* AMSG came with Base 7.0.6; before, the device support has nobody to tell its words to.
+ * isMessage passes when they are these, and is skipped there; saysWhy when there are any; isReason
+ * is for conditions together with STAT, and always 1 there. */
+void isMessage(const char *record, const char *expected, const char *title);
+void saysWhy(const char *record);
+int isReason(const char *record, const char *expected);
+
 /* Passes when bytes of the output image are these, written as hex: "01ff". */
 void isOutput(plcStation *station, size_t offset, const char *hex, const char *title);
 

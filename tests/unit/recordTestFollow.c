@@ -172,7 +172,7 @@ static void testFollow(const char *pini)
     fd = toolAccept(listener);
     WAIT_FOR(plcStationConnected(s, NULL));
     put("long", "77");
-    isValue("long.AMSG", "waiting for the PLC's value", "a put before the first block");
+    isMessage("long", "waiting for the PLC's value", "a put before the first block");
     isValue("long.STAT", "COMM", "is COMM");
     fill(block, 0);
     sendNext(s, fd, block);
@@ -370,8 +370,7 @@ static void isHeld(const char *record, const char *when)
     char pv[40], title[80];
 
     epicsSnprintf(title, sizeof(title), "%s, %s, says so", record, when);
-    epicsSnprintf(pv, sizeof(pv), "%s.AMSG", record);
-    isValue(pv, "waits for the PLC's first block", title);
+    isMessage(record, "waits for the PLC's first block", title);
     epicsSnprintf(pv, sizeof(pv), "%s.STAT", record);
     isValue(pv, "COMM", title);
 }

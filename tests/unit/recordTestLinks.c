@@ -206,7 +206,7 @@ static void testRefused(size_t i, const char *said)
         testDiag("not said:\n%s", expected);
     epicsSnprintf(title, sizeof(title), "the record has the reason in AMSG: %s",
                   refused[i].amsg);
-    isValue(field(name, "AMSG"), refused[i].amsg, title);
+    isMessage(name, refused[i].amsg, title);
     isValue(field(name, "SEVR"), "INVALID", "it is INVALID before it ever processes");
     put(field(name, "PROC"), "1");
     isValue(field(name, "STAT"), "LINK", "it can be processed, with a LINK alarm");
@@ -418,12 +418,12 @@ static void testScan(void)
     isValue("Linear", "0.5", "ai LINEAR maps with the limits of its new link");
 
     testOk(put("Stat.INP", "@Q") == 0, "S7plc stat takes a bad link");
-    isValue("Stat.AMSG", "no PLC \"Q\"", "S7plc stat has the reason in AMSG");
+    isMessage("Stat", "no PLC \"Q\"", "S7plc stat has the reason in AMSG");
     put("Stat.INP", "@P");
     put("Stat.PROC", "1");
     isValue("Stat.SEVR", "NO_ALARM", "S7plc stat works again with a good link");
     testOk(put("Addr.OUT", "@Q") == 0, "S7plc addr takes a bad link");
-    isValue("Addr.AMSG", "no PLC \"Q\"", "S7plc addr has the reason in AMSG");
+    isMessage("Addr", "no PLC \"Q\"", "S7plc addr has the reason in AMSG");
     testOk(put("Addr", "localhost") != 0, "S7plc addr refuses values with a bad link");
     iocEnd();
 }

@@ -121,7 +121,7 @@ static const struct {
 
 static void testRefused(const char *log)
 {
-    char pv[80], line[200];
+    char line[200];
     size_t i;
 
     for (i = 0; i < COUNT(refused); i++) {
@@ -129,8 +129,7 @@ static void testRefused(const char *log)
                       refused[i].text);
         testOk(strstr(log, line) != NULL, "%s is refused", refused[i].title);
         process(refused[i].name);
-        epicsSnprintf(pv, sizeof(pv), "%s.AMSG", refused[i].name);
-        testOk(invalid(refused[i].name) && strcmp(get(pv), refused[i].amsg) == 0,
+        testOk(invalid(refused[i].name) && isReason(refused[i].name, refused[i].amsg),
                "AMSG says why: %s", refused[i].amsg);
     }
 }
@@ -274,8 +273,8 @@ static void testScan(plcStation *s, int *fd, int listener)
     isValue("scan:blocksIn", "1", "a link that changes");
     put("scan:blocksIn.INP", "@P/nonsense");
     process("scan:blocksIn");
-    isValue("scan:blocksIn.AMSG", "no statistic \"nonsense\" for longin",
-            "to nonsense: INVALID with the reason");
+    isMessage("scan:blocksIn", "no statistic \"nonsense\" for longin",
+              "to nonsense: INVALID with the reason");
     put("scan:blocksIn.INP", "@P/inSize");
     WAIT_FOR(atoi(get("scan:blocksIn")) == 64);
     isValue("scan:blocksIn", "64", "and back");
