@@ -78,7 +78,7 @@ static int isDecoy(simListener *listener, const struct sockaddr_in *peer)
 static void acceptAll(simListener *listener)
 {
     char text[SIM_PEER_SIZE];
-    struct sockaddr_in peer;
+    struct sockaddr_in peer = {0};
     socklen_t length = sizeof(peer);
     int on = 1;
     int fd;

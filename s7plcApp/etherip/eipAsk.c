@@ -213,7 +213,7 @@ static int takeMany(eipWorker *w, unsigned count, int verifying, const eipAnswer
 {
     epicsUInt8 *copy = mallocMustSucceed(all->length + count + 1, "etherip");
     epicsUInt8 *services = copy + all->length;
-    eipAnswer local = *all, one = {0};
+    eipAnswer local = *all, one = *all;
     const epicsUInt8 *bytes;
     size_t length;
     unsigned good = count, i;
