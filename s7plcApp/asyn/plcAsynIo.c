@@ -1,8 +1,8 @@
 /* The interfaces of a port that move values: reads and writes, in the thread of the
  * caller.
  *
- * They copy bytes out of the input image and into the output image, and never wait; but
- * during iocInit, for the first block. */
+ * They copy bytes out of the input image and into the output image. They wait during iocInit,
+ * for the first block, and where the wire acknowledges puts a write waits for the answer. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -110,12 +110,23 @@ static asynStatus readBytes(plcAsynPort *port, asynUser *user, const plcAsynView
 
 /* --- Writing --------------------------------------------------------------------- */
 
+/* Until the PLC has taken or refused the put, or is lost. asyn's thread of the port, or who
+ * has locked the port: one at a time. */
+static void waitThrough(plcAsynPort *port, const plcPutMark *mark)
+{
+    plcStation *station = port->station;
+
+    while (!plcStationThrough(station, mark) && !epicsAtomicGetIntT(&port->stop))
+        plcWakeWait(&port->through, PLC_WAKE_NEVER);
+}
+
 /* Puts bytes into the output image, only the bits in mask (NULL: all). */
 static asynStatus writeBytes(plcAsynPort *port, asynUser *user, plcAsynView *view,
                              size_t length, const epicsUInt8 *bytes,
                              const epicsUInt8 *mask)
 {
     char reason[PLC_REASON_SIZE];
+    plcPutMark put;
     int status;
 
     asynPrintIO(user, ASYN_TRACE_FLOW, (const char *)bytes, length,
@@ -125,8 +136,8 @@ static asynStatus writeBytes(plcAsynPort *port, asynUser *user, plcAsynView *vie
         return plcAsynFail(user, asynDisconnected, COMM_ALARM,
                            "%s: disconnected by a user", port->name);
     plcAsynWriteBegins(port, view, user);
-    status = (view->follows ? plcStationWriteFollower : plcStationWrite)(
-        port->station, view->offset, length, bytes, mask, reason);
+    status = plcStationPut(port->station, view->offset, length, bytes, mask, reason,
+                           view->follows, &put);
     if (!status && !reason[0] && view->follows && !plcStationTaken(port->station))
         epicsSnprintf(reason, sizeof(reason), "waiting for the PLC's value");
     plcAsynWriteEnds(port, view, user, bytes, mask, length,
@@ -136,6 +147,10 @@ static asynStatus writeBytes(plcAsynPort *port, asynUser *user, plcAsynView *vie
     if (status)
         return plcAsynFail(user, asynError, WRITE_ALARM, "%s: refused: %s", port->name,
                            reason);
+    if (!reason[0] && put.number && port->blocks) {
+        waitThrough(port, &put);
+        plcStationOutputConnected(port->station, reason);
+    }
     if (reason[0])
         return plcAsynFail(user, asynDisconnected, COMM_ALARM, "%s: kept for later: %s",
                            port->name, reason);

@@ -55,6 +55,13 @@ static void sent(void *pvt, const void *block)
     plcWakeUp(&port->wake); /* other records may have changed the output image */
 }
 
+static void through(void *pvt)
+{
+    plcAsynPort *port = pvt;
+
+    plcWakeUp(&port->through);
+}
+
 static void changed(void *pvt)
 {
     plcAsynPort *port = pvt;
@@ -76,6 +83,7 @@ static void changed(void *pvt)
 const plcListener plcAsynListener = {.received = received,
                                      .delivered = delivered,
                                      .sent = sent,
+                                     .through = through,
                                      .changed = changed};
 
 /* --- Who is called back ---------------------------------------------------------- */

@@ -170,6 +170,7 @@ static void stopAll(void)
 
         epicsAtomicSetIntT(&port->stop, 1);
         plcWakeUp(&port->wake);
+        plcWakeUp(&port->through);
         epicsEventSignal(port->drained);
     }
     for (node = ellFirst(&ports); node; node = ellNext(node)) {
@@ -249,7 +250,11 @@ static int registerPort(plcAsynPort *port)
 {
     char traceName[80];
 
-    if (pasynManager->registerPort(port->name, ASYN_MULTIDEVICE, 1, 0, 0) != asynSuccess)
+    /* Without a descriptor nobody could be told. */
+    port->blocks = plcStationAcknowledges(port->station) && plcWakeDescriptor(&port->through) >= 0;
+    if (pasynManager->registerPort(port->name,
+                                   ASYN_MULTIDEVICE | (port->blocks ? ASYN_CANBLOCK : 0), 1,
+                                   0, 0) != asynSuccess)
         return -1;
     port->known = 1;
     port->common.interfaceType = asynCommonType;
@@ -346,7 +351,8 @@ static plcAsynPort *findPort(const char *name)
     port->arrived = epicsMutexMustCreate();
     port->ended = epicsEventMustCreate(epicsEventEmpty);
     port->drained = epicsEventMustCreate(epicsEventEmpty);
-    if (plcWakeInit(&port->wake) || plcWakeInit(&port->released))
+    if (plcWakeInit(&port->wake) || plcWakeInit(&port->released) ||
+        plcWakeInit(&port->through))
         errlogSevPrintf(errlogFatal, "s7plcAsyn %s: too many open files in IOC\n", name);
     return port;
 }
@@ -356,6 +362,7 @@ static void freePort(plcAsynPort *port)
     freeBuffers(port);
     plcWakeFree(&port->wake);
     plcWakeFree(&port->released);
+    plcWakeFree(&port->through);
     epicsEventDestroy(port->ended);
     epicsEventDestroy(port->drained);
     epicsMutexDestroy(port->lock);

@@ -1,7 +1,9 @@
 /* A station as an asyn port: what the files of this library share.
  *
- * A port is a multi-device port of which address 0 is the PLC, and which does not block:
- * reads and writes are copies out of and into the images. Multi-device, because
+ * A port is a multi-device port of which address 0 is the PLC. Reads and writes are copies
+ * out of and into the images. It does not block, but where the wire acknowledges puts: there a
+ * write returns when the PLC has taken or refused it, in a thread that asyn has for the port.
+ * Multi-device, because
  * asynManager answers for a port that is not connected without asking its driver; for a
  * device it asks, so that a value written while the PLC is away is kept, or refused with
  * the reason.
@@ -43,6 +45,7 @@ typedef struct plcAsynPort {
     plcStation *station; /* NULL: its IOC has ended */
     asynUser *user; /* device 0: exceptions and traces */
     int known;      /* to asyn, which forgets no port */
+    int blocks;     /* writes wait for the PLC's answer */
     plcAsynTrace *trace;
     asynInterface common, drvUser, faces[plcAsynFaces];
     /* calls the user back with the value of these bytes; of plcAsynIo */
@@ -77,6 +80,7 @@ typedef struct plcAsynPort {
     plcWake wake;
     epicsEventId ended;
     plcWake released;     /* a callback returned for which someone waits */
+    plcWake through;      /* for the write that waits for its answer, in asyn's thread */
     epicsEventId drained; /* marks have passed the callback queues */
     epicsCallback marks[NUM_CALLBACK_PRIORITIES];
     int marksLeft; /* atomic */

@@ -1019,6 +1019,81 @@ def test_modbus(new_modbus, new_asyn):
     ioc.wait_value("o0", 99)
 
 
+COMPLETED = [  # record type, interface, drvInfo, value, what the registers hold then
+    ("longout", "asynInt32", "out 0 T=INT16", 5, [5]),
+    ("ao", "asynFloat64", "out 4 T=REAL32", 1.5, [0x3FC0, 0]),
+    ("bo", "asynUInt32Digital", "out 8 T=UINT16", 1, [1]),
+    ("stringout", "asynOctetWrite", "out 12 T=STRING L=4", "abcd", [0x6162, 0x6364]),
+]
+
+
+@pytest.mark.parametrize("rtype,dtyp,link,value,registers", COMPLETED)
+def test_modbus_completion(new_modbus, new_asyn, rtype, dtyp, link, value, registers):
+    """over Modbus: a put by {dtyp} ends when the PLC has answered, and a refusal is the alarm then"""
+    peer = new_modbus(size=64)
+    where = f"@asynMask(A,0,1){link}" if "Digital" in dtyp else f"@asyn(A){link}"
+    ioc = new_asyn(peer.configure("", "holding 10 16", timeout=60000), record(rtype, "o", dtyp, where),
+                   options=["readPeriod 0"])
+    until(lambda: peer.answers, "the first read")
+    ioc.wait_log("connected to")
+    ioc.pv("o"), ioc.pv("o.PACT")
+    peer.answering.clear()
+    done = ioc.put_callback("o", value)
+    until(lambda: peer.writes(), "the write")
+    assert not done.is_set() and ioc.get("o.PACT") == 1
+    peer.answering.set()
+    assert done.wait(60)
+    first = 10 + int(link.split()[1]) // 2
+    assert peer.holding[first:first + len(registers)] == registers
+    assert ioc.severity("o") == "NO_ALARM"
+    rule = peer.refuse((6, 16, 22), 0, 64)
+    ioc.put("o", "dcba" if rtype == "stringout" else 0)
+    assert ioc.alarm("o")[:2] == ("INVALID", "WRITE")
+    peer.heal(rule)
+    ioc.put("o", value)
+    assert ioc.severity("o") == "NO_ALARM"
+
+
+def test_modbus_order(new_modbus, new_asyn):
+    """over Modbus: puts by asyn and by DTYP S7plc leave in the order in which they were made; nothing waits at the end"""
+    peer = new_modbus(size=64)
+    ioc = new_asyn(peer.configure("", "holding 0 32", timeout=60000),
+                   "".join(record("longout", f"a{i}", "asynInt32", f"@asyn(A)out {4 * i} T=INT16") +
+                           record("longout", f"s{i}", "S7plc", f"@PLC/{4 * i + 2} T=INT16") for i in range(8)),
+                   options=["readPeriod 0"])
+    until(lambda: peer.answers, "the first read")
+    ioc.wait_log("connected to")
+    names = [f"{kind}{i}" for i in (5, 2, 7, 0, 3) for kind in "as"]
+    ioc.connect(names)
+    mark = peer.mark()
+    for n, name in enumerate(names):
+        ioc.put(name, n + 1)
+    assert [r.start for r in peer.writes(mark)] == [2 * int(name[1]) + (name[0] == "s") for name in names]
+    peer.answering.clear()
+    mark = peer.mark()
+    for name in names:
+        ioc.put(name, 77, wait=False)
+    until(lambda: peer.writes(mark), "a write that is not answered")
+    assert ioc.exit() == 0
+
+
+def test_modbus_lost(new_modbus, new_asyn):
+    """over Modbus: a put by asyn that is not answered ends with the connection; what follows works"""
+    peer = new_modbus(size=64)
+    ioc = new_asyn(peer.configure("", "holding 0 32", timeout=300), record("longout", "o", "asynInt32", "@asyn(A)out 0 T=INT16"),
+                   options=["readPeriod 0"])
+    until(lambda: peer.answers, "the first read")
+    ioc.put("o", 1)
+    assert ioc.severity("o") == "NO_ALARM"
+    peer.answering.clear()
+    ioc.put("o", 2)
+    assert ioc.severity("o") == "INVALID"
+    peer.answering.set()
+    until_equal(lambda: peer.holding[0], 2)
+    ioc.put("o", 3)
+    assert peer.holding[0] == 3 and ioc.severity("o") == "NO_ALARM"
+
+
 def test_demo():
     """make demo-asyn ends well: the same values side by side, and a trace"""
     done = subprocess.run([TOP / "iocBoot/iocAsyn/demo"], stdin=subprocess.DEVNULL,

@@ -158,6 +158,25 @@ void plcExchangeUp(plcStation *s)
     startWhenReady(s);
 }
 
+/* A number that grows when puts are through, or lost. */
+static epicsUInt64 countThrough(plcStation *s)
+{
+    return plcImagePutsThrough(s->out, NULL) + (epicsUInt64)epicsAtomicGetIntT(&s->outLosses);
+}
+
+static void tellListener(plcStation *s)
+{
+    plcExchange *x = s->exchange;
+    epicsUInt64 through;
+
+    if (!s->listener || !s->listener->through)
+        return;
+    through = countThrough(s);
+    if (through != x->listenerTold)
+        s->listener->through(s->listenerPvt);
+    x->listenerTold = through;
+}
+
 /* Records that wait for their put are told, when it may be through. Where the queue of callbacks
  * is full, the next step asks again. */
 static void tellThrough(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
@@ -167,7 +186,7 @@ static void tellThrough(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
 
     if (!s->through || !epicsAtomicGetIntT(&s->awaited))
         return;
-    through = plcImagePutsThrough(s->out, NULL) + (epicsUInt64)epicsAtomicGetIntT(&s->outLosses);
+    through = countThrough(s);
     if (through == x->told)
         return;
     if (epicsAtomicCmpAndSwapIntT(&s->telling, 0, 1) == 0 &&
@@ -200,6 +219,7 @@ void plcExchangeDown(plcStation *s)
     epicsAtomicIncrIntT(&s->outLosses);
     x->shown = s->unread = 0; /* no block may tell what the next connection is asked for */
     epicsAtomicSetIntT(&s->taken, 0);
+    tellListener(s);
 }
 
 /* --- News ---------------------------------------------------------------------------------*/
@@ -387,6 +407,7 @@ int plcExchangeNews(plcStation *s, epicsUInt64 now, epicsUInt64 *wake,
 void plcExchangePuts(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
 {
     plcStationCountPuts(s);
+    tellListener(s);
     tellThrough(s, now, wake);
 }
 

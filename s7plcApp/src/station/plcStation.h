@@ -122,6 +122,9 @@ int plcStationPut(plcStation *station, size_t offset, size_t length, const void 
                   const void *mask, char reason[PLC_REASON_SIZE], int follows,
                   plcPutMark *mark);
 
+/* Does the wire acknowledge puts? Then marks have numbers, unless complete=sent. */
+int plcStationAcknowledges(plcStation *station);
+
 /* 1 when the PLC has taken or refused the put, or the connection was lost since. */
 int plcStationThrough(plcStation *station, const plcPutMark *mark);
 
@@ -148,6 +151,8 @@ typedef struct plcListener {
     /* All bytes of this output block, outSize bytes, are with the kernel; by a transport:
      * what has changed of it is on its way. */
     void (*sent)(void *pvt, const void *block);
+    /* Puts may be through: plcStationThrough. */
+    void (*through)(void *pvt);
     /* The connection or the validity of the input may have changed: ask again. */
     void (*changed)(void *pvt);
     /* The station goes with its IOC; its thread has ended. In the thread that makes the next

@@ -78,6 +78,11 @@ int plcStationPut(plcStation *s, size_t offset, size_t length, const void *data,
     return 0;
 }
 
+int plcStationAcknowledges(plcStation *s)
+{
+    return s->exchange && s->exchange->transport->takesPuts;
+}
+
 int plcStationThrough(plcStation *s, const plcPutMark *mark)
 {
     return mark->losses != epicsAtomicGetIntT(&s->outLosses) ||

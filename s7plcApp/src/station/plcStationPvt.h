@@ -53,6 +53,7 @@ typedef struct plcExchange {
     int shown;             /* `output` is news that nobody has looked at yet */
     epicsUInt64 ordered;   /* when the oldest put under way was made; 0: none is */
     epicsUInt64 told;      /* up to where all was through when that was last told */
+    epicsUInt64 listenerTold; /* the same, to the listener */
     size_t used;           /* bytes of the images in use, as the transport says */
     int owners;            /* plcOwnersChanges when the worker was told where values lie */
     epicsUInt64 sign;      /* the last request was through then; 0: there is none to come */
