@@ -102,8 +102,9 @@ SEV, NSSV = "$(SEV=MAJOR)", "$(NSSV=MINOR)"
 STATE = [
     Row("State", "mbbi", "state", "State of $(PLC)", small=True, archive=CHANGES,
         fields=states(("no address", "connecting", "waiting for data", "ok", "wrong size",
-                       "frozen", "no PRIMARY", "layout mismatch"),
-                      (SEV, SEV, SEV, None, SEV, SEV, SEV, SEV))),
+                       "frozen", "no PRIMARY", "layout mismatch", "some reads refused",
+                       "reads refused"),
+                      (SEV, SEV, SEV, None, SEV, SEV, SEV, SEV, "$(SOME_SV=MINOR)", SEV))),
     Row("Setpoints", "mbbi", "setpoints", "What becomes of puts to $(PLC)", small=True,
         archive=CHANGES,
         fields=states(("no output", "they pass", "they wait", "LOCAL", "mismatch",
@@ -265,6 +266,7 @@ FULL = """\
 #   SEV   severity of a state other than ok, default MAJOR
 #   NSSV  severity while puts wait for the PLC, default MINOR; LSV in LOCAL, NO_ALARM;
 #         REFUSED_SV where the PLC refused some, MINOR
+#   SOME_SV   severity while the PLC refuses to show some places, default MINOR; all: SEV
 """ + COMMON + """\
 #   BLOCKAGE_HIGH, BLOCKAGE_HSV, BLOCKAGE_HIHI, BLOCKAGE_HHSV   alarm limits and severities
 #         of BlockAge. The same for each record that has them below
@@ -348,6 +350,8 @@ MODBUS = [
         archive=CHANGES, fields=bi("disconnected", "connected", "$(SEV=MAJOR)")),
     Row("Requests", "int64in", "requests", "Requests sent", "runs"),
     Row("Exceptions", "int64in", "exceptions", "Requests refused", limits="high",
+        archive=CHANGES),
+    Row("RefusedReads", "int64in", "refusedReads", "Places that are not shown now", limits="high",
         archive=CHANGES),
     Row("RequestTimeouts", "int64in", "requestTimeouts", "Requests not answered",
         limits="high", archive=CHANGES),

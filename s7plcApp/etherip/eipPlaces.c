@@ -1,6 +1,7 @@
 /* The places of tags in the images of a PLC; see eipPlaces.h. */
 #include <ctype.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include <cantProceed.h>
 #include <dbDefs.h>
@@ -183,6 +184,31 @@ size_t eipPlacesUsed(eipPlaces *p)
     used = p->used;
     epicsMutexUnlock(p->lock);
     return used;
+}
+
+unsigned eipPlacesBad(eipPlaces *p, plcFaults *faults, unsigned *of, char *first, size_t size)
+{
+    char why[PLC_REASON_SIZE];
+    unsigned bad = 0;
+    ELLNODE *node;
+
+    *of = 0;
+    first[0] = 0;
+    epicsMutexMustLock(p->lock);
+    for (node = ellFirst(&p->list); node; node = ellNext(node)) {
+        const eipPlace *place = CONTAINER(node, eipPlace, node);
+
+        if (!ellCount(&place->users))
+            continue;
+        ++*of;
+        if (!plcFaultsFind(faults, place->want.place, place->want.room, NULL, why))
+            continue;
+        if (!bad++)
+            epicsSnprintf(first, size, "%s: %s", place->want.tag,
+                          strncmp(why, "PLC: ", 5) ? why : why + 5);
+    }
+    epicsMutexUnlock(p->lock);
+    return bad;
 }
 
 int eipPlacesWants(eipPlaces *p, int always, eipWant **wants, unsigned *count, size_t *used)

@@ -6,6 +6,7 @@
 #define INC_eipPlaces_H
 
 #include "eipTags.h"
+#include "plcFaults.h"
 
 typedef struct eipPlaces eipPlaces;
 typedef struct eipPlace eipPlace;
@@ -28,6 +29,10 @@ size_t eipPlaceRoom(const eipPlace *place);   /* bytes */
 
 /* Bytes of the images that are in use. */
 size_t eipPlacesUsed(eipPlaces *places);
+
+/* How many of the places that are wanted now are bad in these faults, and of how many; the first
+ * with its reason: "TAG: no such tag". */
+unsigned eipPlacesBad(eipPlaces *places, plcFaults *faults, unsigned *of, char *first, size_t size);
 
 /* All that is wanted now, allocated, with its texts. Returns 1 when it is another set than
  * the last time, or `always`; else 0. *used: bytes of the images. */

@@ -151,6 +151,13 @@ static int news(void *pvt, plcNews *n, void *input, void *output)
     return eipWorkerTake(((eipPlc *)pvt)->worker, n, input, output);
 }
 
+static unsigned refused(void *pvt, unsigned *of, char *first, size_t size)
+{
+    eipPlc *plc = pvt;
+
+    return eipPlacesBad(plc->places, plcStationInFaults(plc->station), of, first, size);
+}
+
 static void put(void *pvt, const void *image, const void *mask)
 {
     (void)image, (void)mask; /* takesPuts */
@@ -195,6 +202,7 @@ const plcTransport eipTransport = {
     .down = down,
     .used = used,
     .news = news,
+    .refused = refused,
     .put = put,
     .report = report,
 };

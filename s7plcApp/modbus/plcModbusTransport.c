@@ -3,8 +3,10 @@
  * Knows options and reports; nothing of stations or records.
  */
 #include <stdlib.h>
+#include <string.h>
 
 #include <cantProceed.h>
+#include <epicsStdio.h>
 
 #include "plcModbus.h"
 #include "plcModbusOptions.h"
@@ -141,6 +143,63 @@ static void put(void *pvt, const void *image, const void *mask)
     plcModbusWrite(t->worker);
 }
 
+static int isBits(const plcRange *r)
+{
+    return r->table == plcCoils || r->table == plcDiscrete;
+}
+
+/* Why the PLC does not show a register or bit of a range, by its place in it; "" when it does. */
+static void whyNot(plcFaults *faults, const plcRange *r, unsigned at, char why[PLC_REASON_SIZE])
+{
+    epicsUInt8 bit = (epicsUInt8)(1 << at % 8);
+
+    if (isBits(r))
+        plcFaultsFind(faults, r->offset + at / 8, 1, &bit, why);
+    else
+        plcFaultsFind(faults, r->offset + 2 * (size_t)at, 2, NULL, why);
+}
+
+/* The first registers or bits of a range that are refused for one reason; one is. */
+static void firstRefused(plcFaults *faults, const plcRange *r, char *text, size_t size)
+{
+    char why[PLC_REASON_SIZE] = "", next[PLC_REASON_SIZE];
+    const char *words;
+    unsigned from, to;
+
+    for (from = 0; from < r->count && !why[0]; from++)
+        whyNot(faults, r, from, why);
+    from += r->start - 1;
+    for (to = from + 1; to < r->start + r->count; to++) {
+        whyNot(faults, r, to - r->start, next);
+        if (strcmp(next, why))
+            break;
+    }
+    words = strncmp(why, "PLC: ", 5) ? why : why + 5;
+    if (--to > from)
+        epicsSnprintf(text, size, "%s %u to %u: %s", plcTableName(r->table), from, to, words);
+    else
+        epicsSnprintf(text, size, "%s %u: %s", plcTableName(r->table), from, words);
+}
+
+static unsigned refused(void *pvt, unsigned *of, char *first, size_t size)
+{
+    modbusTransport *t = pvt;
+    unsigned i, count = 0;
+
+    *of = 0;
+    first[0] = 0;
+    for (i = 0; i < t->own.inputCount; i++) {
+        const plcRange *r = &t->own.inputs[i];
+        size_t bad = plcFaultsCount(t->setup.inFaults, r->offset, plcRangeBytes(r));
+
+        if (bad && !first[0])
+            firstRefused(t->setup.inFaults, r, first, size);
+        *of += r->count;
+        count += (unsigned)bad / (isBits(r) ? 1 : 16);
+    }
+    return count;
+}
+
 static void reportRanges(const plcRange *ranges, unsigned count, plcFaults *faults,
                          const char *what, FILE *file)
 {
@@ -193,6 +252,7 @@ const plcTransport plcModbusTransport = {
     .whole = whole,
     .down = down,
     .news = news,
+    .refused = refused,
     .put = put,
     .report = report,
 };

@@ -516,6 +516,55 @@ def test_all_refused(new_modbus, new_ioc):
     assert peer.connections == 1
 
 
+def test_refused_state(new_modbus, new_ioc):
+    """where the PLC shows some registers, or none, the state says so: MINOR or MAJOR, how many, which first and why; until it shows all"""
+    peer = new_modbus()
+    ioc = new_ioc(peer.configure("holding 0 10 every 20, holding 100 10 every 20, coils 3 11 at 60 every 20"), REFUSED,
+                  templates=[(f, "P=$(P),PLC=PLC") for f in ("s7plcStation.db", "s7plcModbus.db")])
+
+    def shows(state, severity, reason, count):
+        until_equal(lambda: (ioc.text("State"), ioc.severity("State"),
+                             bytes(ioc.get("Reason.VAL$")).rstrip(b"\0").decode(),
+                             ioc.text("State.AMSG")[:31], ioc.get("RefusedReads")),
+                    (state, severity, reason, reason[:31], count))
+
+    shows("ok", "NO_ALARM", "", 0)
+    some = peer.refuse(3, 102, 4, code=2)
+    shows("some reads refused", "MINOR", "holding 102 to 105: exception 2, illegal data address (4 of 31 refused)", 4)
+    assert ioc.get("Alive") == 1 and ioc.severity("a") == "NO_ALARM"
+    assert "holding 102 to 105: exception 2" in ioc.command("s7plcReport")
+    coil = peer.refuse(1, 4, code=2)
+    shows("some reads refused", "MINOR", "holding 102 to 105: exception 2, illegal data address (5 of 31 refused)", 5)
+    peer.heal(some)
+    shows("some reads refused", "MINOR", "coils 4: exception 2, illegal data address (1 of 31 refused)", 1)
+    peer.heal(coil)
+    shows("ok", "NO_ALARM", "", 0)
+    every = peer.refuse((1, 3), 0, 65536, code=2)
+    shows("reads refused", "MAJOR", "holding 0 to 9: exception 2, illegal data address (31 of 31 refused)", 31)
+    assert ioc.get("Alive") == 0
+    peer.heal(every)
+    shows("ok", "NO_ALARM", "", 0)
+    assert peer.connections == 1
+
+
+def test_refused_state_at_start(new_modbus, new_ioc):
+    """a PLC that refuses every read from the start is never shown as ok, nor after it was lost"""
+    peer = new_modbus()
+    rule = peer.refuse((3, 4), 0, 65536, code=2)
+    ioc = new_ioc(peer.configure("holding 0 10 every 20", timeout=300), REFUSED, templates=[("s7plcStation.db", "P=$(P),PLC=PLC")])
+    states = []
+    ioc.pv("State").add_callback(lambda value, **more: states.append(value))
+    ioc.wait_value("State", 9)
+    assert ioc.text("LostTime") == ""
+    peer.silent = True
+    ioc.wait_value("State", 1)
+    peer.silent = False
+    ioc.wait_value("State", 9)
+    assert 3 not in states
+    peer.heal(rule)
+    ioc.wait_value("State", 3)
+
+
 CODES = {1: "illegal function", 2: "illegal data address", 3: "illegal data value",
          4: "device failure", 5: "acknowledge", 6: "device busy", 8: "memory parity error",
          10: "gateway path", 11: "gateway", 7: "", 9: "", 77: "", 255: ""}

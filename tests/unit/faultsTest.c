@@ -34,6 +34,7 @@ static void testBytes(void)
     plcFaults *faults = plcFaultsCreate(20);
 
     testOk(finds(faults, 0, 20, NULL, NULL), "nothing is bad at the beginning");
+    testOk(plcFaultsCount(faults, 0, 20) == 0, "0 bits");
     testOk(plcFaultsClear(faults, 0, 20, NULL) == 0 && plcFaultsClearAll(faults) == 0,
            "and nothing becomes good");
     testOk(plcFaultsSet(faults, 4, 6, NULL, refused) == 1, "six bytes become bad");
@@ -49,6 +50,8 @@ static void testBytes(void)
     testOk(finds(faults, 8, 2, NULL, silent),
            "the new reason takes the place of the old");
     testOk(finds(faults, 4, 8, NULL, refused), "the reason of the first bad byte");
+    testOk(plcFaultsCount(faults, 0, 20) == 64 && plcFaultsCount(faults, 7, 2) == 16,
+           "all bits are counted, whatever the reason");
     testOk(finds(faults, 7, 2, NULL, refused) && finds(faults, 8, 4, NULL, silent),
            "at each place its own");
     testOk(plcFaultsClear(faults, 5, 6, NULL) == 1, "six bytes are good again");
@@ -308,7 +311,7 @@ static void testThreads(void)
 
 MAIN(faultsTest)
 {
-    testPlan(20 + 11 + 5 + 2 + 3);
+    testPlan(22 + 11 + 5 + 2 + 3);
     testDiag("Bytes");
     testBytes();
     testDiag("Bits");

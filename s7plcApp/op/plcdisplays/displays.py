@@ -2,7 +2,8 @@
 from .layout import BLUE, GREEN, GREY, HEADING, ORANGE, RED, TEXT, TIME, Display
 
 STATE = [(0, "NO ADDRESS", RED), (1, "CONNECTING", RED), (2, "NO DATA", RED), (3, "DATA OK", GREEN),
-         (4, "WRONG SIZE", RED), (5, "FROZEN", RED), (6, "NO PRIMARY", RED), (7, "LAYOUT", RED)]
+         (4, "WRONG SIZE", RED), (5, "FROZEN", RED), (6, "NO PRIMARY", RED), (7, "LAYOUT", RED),
+         (8, "SOME REFUSED", ORANGE), (9, "ALL REFUSED", RED)]
 SETPOINTS = [(0, "NO OUTPUT", RED), (1, "output ok", GREEN), (2, "OUTPUT WAITS", ORANGE),
              (3, "LOCAL", BLUE), (4, "MISMATCH", RED), (5, "PLC REFUSES", ORANGE),
              (6, "no output", GREY), (7, "OUTPUT ?", ORANGE)]
@@ -132,7 +133,7 @@ def station():
 
 def requests(name, title, about, more=()):
     more = list(more)
-    d = Display(name, title, 560, 300 + 26 * len(more), about)
+    d = Display(name, title, 560, 326 + 26 * len(more), about)
     heading(d, title, UP)
     d.lamp("$(P)OutputConnected", 16, 50, 240, 52, OUTPUT, 24)
     d.lamp("$(P)Setpoints", 266, 50, 278, 52, SETPOINTS, 24)
@@ -140,6 +141,7 @@ def requests(name, title, about, more=()):
     d.value("$(P)LastError", 180, 114, 364, long=True)
     rows = [("at", "LastErrorTime", TIME), ("Requests", "Requests", NUMBER),
             ("Refused by the PLC", "Exceptions", NUMBER),
+            ("Places not shown now", "RefusedReads", NUMBER),
             ("Not answered", "RequestTimeouts", NUMBER),
             ("Answer takes", "RequestLatency", MS), ("  longest", "RequestLatencyMax", MS), *more]
     for i, (words, pv, longest) in enumerate(rows):

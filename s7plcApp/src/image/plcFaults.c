@@ -206,3 +206,18 @@ int plcFaultsFind(plcFaults *faults, size_t offset, size_t length, const void *m
     epicsMutexUnlock(faults->lock);
     return found != NULL;
 }
+
+size_t plcFaultsCount(plcFaults *faults, size_t offset, size_t length)
+{
+    const cause *c;
+    size_t n = 0, i;
+
+    if (!getBad(faults))
+        return 0;
+    epicsMutexMustLock(faults->lock);
+    for (c = faults->causes; c; c = c->next)
+        for (i = 0; c->count && i < length; i++)
+            n += bitsOf(c->mask[offset + i]);
+    epicsMutexUnlock(faults->lock);
+    return n;
+}

@@ -35,4 +35,7 @@ int plcFaultsClearAll(plcFaults *faults);
 int plcFaultsFind(plcFaults *faults, size_t offset, size_t length, const void *mask,
                   char reason[PLC_REASON_SIZE]);
 
+/* How many bits of these bytes are bad. */
+size_t plcFaultsCount(plcFaults *faults, size_t offset, size_t length);
+
 #endif /* INC_plcFaults_H */

@@ -146,13 +146,13 @@ static void sayReason(mbbiRecord *prec)
 #ifdef HAS_ALARM_MESSAGE
     const devRecord *dev = prec->dpvt;
     const epicsEnum16 *severities = &prec->zrsv;
-    char reason[PLC_REASON_SIZE];
+    plcStatValue reason;
 
     if (strcmp(dev->statistic->name, "state") || prec->val > 15)
         return;
-    plcImageReason(plcStationInput(dev->station), reason);
-    if (severities[prec->val] != NO_ALARM && reason[0])
-        recGblSetSevrMsg(prec, STATE_ALARM, severities[prec->val], "%s", reason);
+    plcStatGet(plcStatFind("reason", plcStatText), dev->station, &reason);
+    if (severities[prec->val] != NO_ALARM && reason.text[0])
+        recGblSetSevrMsg(prec, STATE_ALARM, severities[prec->val], "%s", reason.text);
 #else
     (void)prec;
 #endif

@@ -93,8 +93,10 @@ GETTER(getMapText)
 
 GETTER(getReason)
 {
-    (void)row, (void)stats;
+    (void)row;
     plcImageReason(plcStationInput(station), value->text);
+    if (!value->text[0])
+        epicsSnprintf(value->text, sizeof(value->text), "%s", stats->refusal);
 }
 
 GETTER(getAddress)
@@ -225,7 +227,7 @@ const plcStatRow plcStatRows[] = {
      "1 while the data of the PLC is valid"},
     {"state",            plcStatInteger, getInt,       AT(state),           "",
      "0 no address, 1 connecting, 2 waiting for data, 3 ok, 4 wrong size, 5 frozen, "
-     "6 no PRIMARY, 7 layout mismatch"},
+     "6 no PRIMARY, 7 layout mismatch, 8 some reads refused, 9 reads refused"},
     {"stateText",        plcStatText,    getStateText, 0,                   "",
      "the same in words"},
     {"stateTime",        plcStatReal,    getAge,       AT(stateSince),      "s",
@@ -233,7 +235,7 @@ const plcStatRow plcStatRows[] = {
     {"lostTime",         plcStatText,    getStamp,     AT(lostTime),        "",
      "when valid data was last lost; empty: never"},
     {"reason",           plcStatText,    getReason,    0,                   "",
-     "why the data is not valid; empty while it is"},
+     "why the data, or some of it, is not valid; empty while all is"},
     {"lastError",        plcStatText,    getText,      AT(lastError),       "",
      "why the connection was lost or not made the last time"},
     {"lastErrorTime",    plcStatText,    getStamp,     AT(lastErrorTime),   "",
@@ -348,6 +350,8 @@ const plcStatRow plcStatRows[] = {
      "requests sent"},
     {"exceptions",       plcStatInteger, getCount,     AT(exceptions),      "",
      "requests that the PLC refused"},
+    {"refusedReads",     plcStatInteger, getInt,       AT(refusedReads),    "",
+     "registers, bits or tags that the PLC refuses to show now"},
     {"requestTimeouts",  plcStatInteger, getCount,     AT(requestTimeouts), "",
      "requests that were not answered in time"},
     {"requestLatency",   plcStatReal,    getReal,      AT(requestLatency),  "ms",

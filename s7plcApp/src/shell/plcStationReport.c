@@ -104,8 +104,8 @@ void plcStationReport(plcStation *s, FILE *file, int level)
     plcStationAddress(s, address, sizeof(address));
     plcImageReason(s->in, reason);
     fprintf(file, "  %s %s: %s", s->name, address, plcStateName(st.state));
-    if (st.state != plcStateOk && reason[0])
-        fprintf(file, " (%s)", reason);
+    if (st.state != plcStateOk && (reason[0] || st.refusal[0]))
+        fprintf(file, " (%s)", reason[0] ? reason : st.refusal);
     fprintf(file, ", in %u bytes, out %u bytes, %s endian%s\n",
             (unsigned)plcImageSize(s->in), (unsigned)plcImageSize(s->out), s->bigEndian ? "big" : "little", wordsText(s->order));
     if (s->policy->report)

@@ -215,6 +215,7 @@ void plcExchangeDown(plcStation *s)
     x->waiting = 0;
     x->sign = 0;
     x->transport->down(x->pvt);
+    plcInputRefused(s, 0, 0, "");
     plcImageAway(s->out, 1);
     epicsAtomicIncrIntT(&s->outLosses);
     x->shown = s->unread = 0; /* no block may tell what the next connection is asked for */
@@ -364,6 +365,18 @@ static int workerStands(plcStation *s, epicsUInt64 now, epicsUInt64 *wake,
     return 1;
 }
 
+static void countRefused(plcStation *s)
+{
+    plcExchange *x = s->exchange;
+    char first[PLC_REASON_SIZE + 60];
+    unsigned count, of;
+
+    if (!x->transport->refused)
+        return;
+    count = x->transport->refused(x->pvt, &of, first, sizeof(first));
+    plcInputRefused(s, count, of, first);
+}
+
 int plcExchangeNews(plcStation *s, epicsUInt64 now, epicsUInt64 *wake,
                     char why[PLC_REASON_SIZE])
 {
@@ -386,6 +399,8 @@ int plcExchangeNews(plcStation *s, epicsUInt64 now, epicsUInt64 *wake,
                           news.unread);
             plcStationLog(s, errlogMinor, text);
         }
+        if (news.inFaults)
+            countRefused(s);
         if (news.blocks)
             inputCame(s, &news, now);
         if (news.inFaults && s->valid)

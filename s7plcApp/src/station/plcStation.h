@@ -35,7 +35,9 @@ typedef enum {
     plcStateWrongSize,  /* the PLC sends blocks of another size */
     plcStateFrozen,     /* blocks come, but the alive word stands still */
     plcStateNoPrimary,  /* a pair of which neither sends */
-    plcStateLayout      /* sync=on or layoutAt, and the layout ids differ */
+    plcStateLayout,     /* sync=on or layoutAt, and the layout ids differ */
+    plcStateSome,       /* the PLC refuses to show some of its registers; the others are ok */
+    plcStateRefused     /* it refuses all */
 } plcStationState;
 
 typedef struct plcStationConfig {

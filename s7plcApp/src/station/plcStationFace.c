@@ -533,7 +533,8 @@ const char *plcStateName(int state)
 {
     static const char *const names[] = {"no address", "connecting", "waiting for data",
                                         "ok",         "wrong size", "frozen",
-                                        "no PRIMARY", "layout mismatch"};
+                                        "no PRIMARY", "layout mismatch",
+                                        "some reads refused", "reads refused"};
 
     return state >= 0 && state < (int)(sizeof(names) / sizeof(names[0])) ? names[state]
                                                                         : "?";

@@ -101,17 +101,42 @@ void plcInputSetLeads(plcStation *s)
         plcInputFollow(s, 0);
 }
 
+/* ok is what the PLC shows all of. The lock is held. */
+static int refine(const plcStats *stats, int state)
+{
+    if (state != plcStateOk || !stats->refusedReads)
+        return state;
+    return stats->refusedReads < stats->refusedOf ? plcStateSome : plcStateRefused;
+}
+
 static void setState(plcStation *s, int state)
 {
+    int alive;
+
     epicsMutexMustLock(s->lock);
-    if (state != s->stats.state) {
+    state = refine(&s->stats, state);
+    alive = state == plcStateOk || state == plcStateSome;
+    if (state != s->stats.state)
         s->stats.stateSince = epicsMonotonicGet();
-        if (s->stats.state == plcStateOk)
-            epicsTimeGetCurrent(&s->stats.lostTime);
-    }
+    if (s->stats.alive && !alive)
+        epicsTimeGetCurrent(&s->stats.lostTime);
     s->stats.state = state;
-    s->stats.alive = state == plcStateOk;
+    s->stats.alive = alive;
     epicsMutexUnlock(s->lock);
+}
+
+void plcInputRefused(plcStation *s, unsigned count, unsigned of, const char *first)
+{
+    epicsMutexMustLock(s->lock);
+    s->stats.refusedReads = count;
+    s->stats.refusedOf = of;
+    s->stats.refusal[0] = 0;
+    if (count)
+        epicsSnprintf(s->stats.refusal, sizeof(s->stats.refusal), "%s (%u of %u refused)", first,
+                      count, of);
+    epicsMutexUnlock(s->lock);
+    if (s->valid && of)
+        setState(s, plcStateOk);
 }
 
 /* The one place where a layout id in the input block (layoutAt) changes something. */

@@ -290,6 +290,10 @@ epicsTimeStamp plcInputStamp(plcStation *s, const char *block);
 /* The data is not to be used, or there is a better reason why not. */
 void plcInputInvalidate(plcStation *s, int state, const char *reason);
 
+/* The PLC refuses to show `count` of `of` places, the `first` of them ...; of 0: not
+ * known. */
+void plcInputRefused(plcStation *s, unsigned count, unsigned of, const char *first);
+
 /* For record threads, after leader or validity changed: outputs go somewhere, or not. */
 void plcInputSetLeads(plcStation *s);
 

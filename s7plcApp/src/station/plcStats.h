@@ -40,6 +40,9 @@ typedef struct plcStats {
     epicsUInt32 mapCrc;         /* of our table, 0 = there is none */
     epicsUInt32 mapPlcCrc;      /* of the table that the PLC works with, 0 = none */
     char mapReason[PLC_TEXT_SIZE]; /* why the PLC does not work with ours */
+    unsigned refusedReads;      /* registers or bits of the input that the PLC does not show */
+    unsigned refusedOf;         /* of so many; 0: the wire does not tell */
+    char refusal[PLC_TEXT_SIZE]; /* which, and why; "": none */
     unsigned putsWaiting;       /* for an acknowledging wire */
     int outputConnected;        /* 1: outputs go somewhere; over another wire this may be another
                                    connection than that of the blocks */

@@ -145,6 +145,11 @@ typedef struct plcTransport {
      * shown are not 0. Returns 0 when there is none. */
     int (*news)(void *pvt, plcNews *news, void *input, void *output);
 
+    /* How many places of the input (registers, bits, tags) the PLC refuses to show now, and of how
+     * many; which comes first, and why: "holding 4 to 7: exception 2, illegal data address".
+     * NULL: it is not known. */
+    unsigned (*refused)(void *pvt, unsigned *of, char *first, size_t size);
+
     /* With takesPuts: there are puts in the output image; image and mask are NULL. Without: puts
      * are the bits of `image` that are set in `mask`, both outSize bytes. They join what was
      * handed over before and has not left. */
