@@ -8,9 +8,11 @@ logs with log=io. A long run by hand, with a seed:
 import os
 import random
 import re
+import resource
 import threading
 import time
 from itertools import groupby
+from pathlib import Path
 
 import pytest
 from epics import ca
@@ -318,3 +320,29 @@ def test_exit_with_puts(new_modbus, new_ioc):
     start = time.monotonic()
     ioc.exit()
     assert time.monotonic() - start < 2 * max(1, os.getloadavg()[0])
+
+
+def waits_at_exit(new_modbus, new_ioc, puts):
+    """How often threads of an IOC wait between the word exit and its end; so many puts are not answered then."""
+    plc = new_modbus()
+    db = "\n".join(f'record(longout, "$(P)o{i}") {{ field(DTYP, "S7plc") field(OUT, "@PLC/{2 * i} T=UINT16") '
+                   'field(SCAN, "Event") field(EVNT, "1") field(VAL, "7") }' for i in range(puts))
+    ioc = new_ioc(plc.configure("", "holding 0 1000", timeout=60000) + "\ns7plcSetOption PLC readPeriod 0", db)
+    until(lambda: plc.answers >= 8, "the first reads")
+    plc.answering.clear()
+    ioc.command("postEvent 1")
+    until(lambda: ioc.get(f"o{puts - 1}.PACT") == 1 and plc.writes(), "all puts")
+    ioc.drop_clients()
+    reaped = resource.getrusage(resource.RUSAGE_CHILDREN).ru_nvcsw
+    before = 0
+    for status in Path(f"/proc/{ioc.process.pid}/task").glob("*/status"):
+        before += int(re.search(r"^voluntary_ctxt_switches:\s+(\d+)", status.read_text(), re.M)[1])
+    assert ioc.exit() == 0
+    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_nvcsw - reaped - before
+
+
+def test_exit_waits(new_modbus, new_ioc):
+    """at exit the IOC does not wait once for each put that is not answered"""
+    few, many = waits_at_exit(new_modbus, new_ioc, 10), waits_at_exit(new_modbus, new_ioc, 1000)
+    print(f"waits at exit: {few} with 10 puts, {many} with 1000")
+    assert many < few + 200
