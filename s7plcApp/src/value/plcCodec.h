@@ -3,7 +3,7 @@
  * Pure functions: no records, no links, no sockets, no clock, no memory of anything.
  * Source of the names, aliases and default limits: the manual of PSI's s7plc, which this
  * module replaces; REAL is IEEE 754; BCD is the Siemens DATE_AND_TIME digit pair. BCD16,
- * BCD32 and SM16: what devices on Modbus have in registers.
+ * BCD32 and SM16: what devices have in their registers.
  */
 #ifndef INC_plcCodec_H
 #define INC_plcCodec_H
