@@ -13,6 +13,7 @@
 #include "eipPlc.h"
 #include "plcConfigure.h"
 #include "plcOptions.h"
+#include "plcResolver.h"
 #include "plcStats.h"
 
 enum { relearnMs = 3000 };
@@ -217,10 +218,10 @@ static int splitHost(const char *command, const char *name, const char *text, ch
     const char *colon = strchr(text, ':');
 
     epicsSnprintf(host, size, "%.*s", (int)strcspn(text, ":"), text);
-    if (!host[0] || !plcConfigureIsHost(host)) {
+    if (!host[0] || !plcAddressIsHost(host)) {
         plcConfigureRefuse(command, name,
-                           "IPaddr \"%.60s\"; allowed: host name or dotted IP address, with "
-                           "or without :port", text);
+                           "IPaddr \"%.60s\"; allowed: " PLC_HOST_ALLOWED ", with or without "
+                           ":port", text);
         return -1;
     }
     return plcConfigureNumber(command, name, &portArg, colon ? colon + 1 : NULL, port);

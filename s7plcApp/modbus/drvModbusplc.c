@@ -9,6 +9,7 @@
 #include "plcConfigure.h"
 #include "plcModbusOptions.h"
 #include "plcModbusTransport.h"
+#include "plcResolver.h"
 
 #include <epicsExport.h>
 
@@ -104,10 +105,10 @@ static int configureOutput(const char *command, const char *const args[5])
         plcConfigureRefuse(command, name, "no such PLC; s7plcConfigure comes first");
         return -1;
     }
-    if (!plcConfigureIsHost(address)) {
+    if (!plcAddressIsHost(address)) {
         plcConfigureRefuse(command, name,
-                           "IPaddr \"%.60s\"; allowed: host name or dotted IP address, or "
-                           "\"\" for that of the PLC", address);
+                           "IPaddr \"%.60s\"; allowed: " PLC_HOST_ALLOWED ", or \"\" for that of "
+                           "the PLC", address);
         return -1;
     }
     if (plcConfigureNumber(command, name, &modbusPort, args[2], &port) ||

@@ -11,6 +11,7 @@
 #include "plcBlocks.h"
 #include "plcConfigure.h"
 #include "plcPolicy.h"
+#include "plcResolver.h"
 
 fuzzTarget fuzzDrvInfo, fuzzConfigure;
 
@@ -122,7 +123,7 @@ int fuzzConfigure(const epicsUInt8 *data, size_t size)
     for (i = 0; i < 2; i++) {
         config.policy = i ? &pair : &plcSingle;
         if (args[1] && plcConfigureAddress(args[1], &config, host, &error) == 0)
-            fuzzCheck(plcConfigureIsHost(host[0]) && plcConfigureIsHost(host[1]));
+            fuzzCheck(plcAddressIsHost(host[0]) && plcAddressIsHost(host[1]));
         else
             fuzzCheck(!args[1] || (error && error[0]));
     }

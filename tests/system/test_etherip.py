@@ -912,6 +912,8 @@ def test_wrong_definitions(plant):
                         ('drvEtherIP_define_PLC("Q", "127.0.0.1", x)', "allowed: 0 to 255"),
                         ('drvEtherIP_define_PLC("Q", "127.0.0.1:99999", 0)', "allowed: 1 to 65535"),
                         ('drvEtherIP_define_PLC("Q", "a b", 0)', "allowed: host name"),
+                        ('drvEtherIP_define_PLC("Q", "192.168.1", 0)', "allowed: host name"),
+                        ('etheripConfigure("Q", "0300.1.1.1:44818", 0)', "four numbers"),
                         ('drvEtherIP_define_PLC', "PLCname is missing"),
                         ('etheripConfigure("Q", "127.0.0.1", "1,0,")', "allowed: 0 to 255"),
                         ('etheripConfigure("Q", "127.0.0.1", 0, "image=1")', "allowed: image=64")]:

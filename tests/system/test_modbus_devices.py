@@ -300,6 +300,9 @@ def test_another_client(new_modbus, new_ioc):
 def test_refused_arguments(new_ioc):
     """an address that is no full IPv4 address, and reference numbers of manuals, are refused with what is allowed"""
     ioc = new_ioc("""modbusplcConfigure A, 192.168.1, 502, 1, "holding 0 1"
+                     s7plcConfigure C, "", 0, 0, 2
+                     s7plcModbusOutput C, 0300.1.1.1, 502, 1, 0
                      modbusplcConfigure B, 192.168.0.1, 502, 1, "40001 10" """, "")
     assert 'IPaddr "192.168.1"; allowed: host name or dotted IP address' in ioc.log
+    assert 's7plcModbusOutput C: IPaddr "0300.1.1.1"; allowed: host name or dotted IP address' in ioc.log
     assert '40001 is "holding 0"' in ioc.log

@@ -284,6 +284,9 @@ static void configure(void)
         {"a pair at .253 is SECOND at .254",
          {"XA", "10.0.0.253", "2000", "8", "8", "1", "0", "0", "1"},
          1},
+        {"a SECOND PLC of three numbers is refused",
+         {"XD", "10.0.0.254,10.0.1", "2000", "8", "8", "1", "0", "0", "1"},
+         0},
         {"a pair with two addresses may lie anywhere",
          {"XB", "10.0.0.254,10.0.3.1", "2000", "8", "8", "1", "0", "0", "1"},
          1},
@@ -335,7 +338,7 @@ static void readBack(int track)
 
 MAIN(pairTest)
 {
-    testPlan(68 + 2 * 6);
+    testPlan(69 + 2 * 6);
     configure();
     plcStationsDestroy();
     start();

@@ -48,6 +48,33 @@ static void testSums(void)
     }
 }
 
+static void testHosts(void)
+{
+    static const struct {
+        const char *host;
+        int good;
+    } rows[] = {
+        {"192.168.0.1", 1},     {"0.0.0.0", 1},     {"plc-1", 1},         {"plc_1.site.org", 1},
+        {"1st.plc", 1},         {"abc.de", 1},      {"", 1},              {"192.168.1", 0},
+        {"10.1", 0},            {"10", 0},          {"3232235777", 0},    {"1.2.3.4.5", 0},
+        {"1.2.3.256", 0},       {"0300.1.1.1", 0},  {"192.168.000.1", 0}, {"192.168.0.1.", 0},
+        {".168.0.1", 0},        {"192..0.1", 0},    {"0xC0A80001", 0},    {"0xC0.0xA8.1", 0},
+        {"192.168.0.0x1", 0},   {"two words", 0},   {"plc/1", 0},         {"192.168.0.1:2000", 0},
+        {" 192.168.0.1", 0},    {"::1", 0},
+    };
+    char longest[257];
+    size_t i;
+
+    for (i = 0; i < sizeof(rows) / sizeof(rows[0]); i++)
+        testOk(plcAddressIsHost(rows[i].host) == rows[i].good, "\"%s\" is %s", rows[i].host,
+               rows[i].good ? "taken" : "refused");
+    memset(longest, 'h', sizeof(longest));
+    longest[256] = 0;
+    testOk(!plcAddressIsHost(longest), "a name of 256 characters is refused");
+    longest[255] = 0;
+    testOk(plcAddressIsHost(longest), "one of 255 is taken");
+}
+
 static void testDotted(void)
 {
     struct in_addr address = {0};
@@ -151,8 +178,9 @@ static void testRelease(void)
 
 MAIN(resolverTest)
 {
-    testPlan((int)(sizeof(sums) / sizeof(sums[0])) + 11);
+    testPlan((int)(sizeof(sums) / sizeof(sums[0])) + 39);
     testSums();
+    testHosts();
     testDotted();
     testName();
     testUnknown();

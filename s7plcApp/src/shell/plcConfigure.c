@@ -1,5 +1,4 @@
 /* Checks the arguments of a configure command; see plcConfigure.h. */
-#include <ctype.h>
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
@@ -58,20 +57,6 @@ int plcConfigureIsNew(const char *command, const char *name)
     return 0;
 }
 
-int plcConfigureIsHost(const char *host)
-{
-    struct in_addr address;
-    size_t i;
-
-    for (i = 0; host[i]; i++)
-        if (!isalnum((unsigned char)host[i]) && !strchr(".-_", host[i]))
-            return 0;
-    /* 192.168.1 would be taken for 192.168.0.1 */
-    if (i && strspn(host, "0123456789.") == i && inet_pton(AF_INET, host, &address) != 1)
-        return 0;
-    return i <= PLC_NAME_MAX;
-}
-
 /* What the option of the same name may be, as an argument. */
 static plcNumberArg optionArg(const char *option, char *allowed, size_t size)
 {
@@ -125,7 +110,7 @@ int plcConfigureAddress(const char *text, plcStationConfig *config,
     unsigned lines = config->policy->lines;
     struct in_addr address;
 
-    *error = "host name or dotted IP address";
+    *error = PLC_HOST_ALLOWED;
     if (length > PLC_NAME_MAX || strlen(text) > length + 1 + PLC_NAME_MAX)
         return -1;
     epicsSnprintf(host[0], sizeof(host[0]), "%.*s", (int)length, text);
@@ -135,7 +120,7 @@ int plcConfigureAddress(const char *text, plcStationConfig *config,
                            : "two addresses, FIRST,SECOND";
         return -1;
     }
-    if (!plcConfigureIsHost(host[0]) || !plcConfigureIsHost(host[1]))
+    if (!plcAddressIsHost(host[0]) || !plcAddressIsHost(host[1]))
         return -1;
     if (lines > 1 && !text[length]) {
         strcpy(host[1], host[0]);

@@ -30,9 +30,6 @@ plcStation *plcConfigureRefuse(const char *command, const char *name, const char
 /* True for a name that a new station may have; else after the error line. */
 int plcConfigureIsNew(const char *command, const char *name);
 
-/* True for characters of names and addresses; the resolver says whether the host exists. */
-int plcConfigureIsHost(const char *host);
-
 /* A whole number, or its initial value when text is NULL. Returns 0, or -1 after the error
  * line. */
 int plcConfigureNumber(const char *command, const char *name, const plcNumberArg *arg,

@@ -12,6 +12,7 @@
 
 #include "plcClock.h"
 #include "plcHot.h"
+#include "plcResolver.h"
 #include "plcStationPvt.h"
 
 const char *plcStationName(const plcStation *s)
@@ -356,8 +357,9 @@ int plcStationMove(plcStation *s, const char *text, char *error, size_t size)
     epicsInt32 port = 0;
     unsigned i;
 
-    if (length == 0 || length >= sizeof(host) || strcspn(text, " \t/") < length) {
-        epicsSnprintf(error, size, "need host[:port]");
+    epicsSnprintf(host, sizeof(host), "%.*s", (int)length, text);
+    if (length == 0 || length >= sizeof(host) || !plcAddressIsHost(host)) {
+        epicsSnprintf(error, size, "need host[:port], IP of four numbers");
         return -1;
     }
     if (text[length] && (epicsParseInt32(text + length + 1, &port, 10, NULL) || port < 1 ||
@@ -365,7 +367,6 @@ int plcStationMove(plcStation *s, const char *text, char *error, size_t size)
         epicsSnprintf(error, size, "port must be 1 to 65535");
         return -1;
     }
-    epicsSnprintf(host, sizeof(host), "%.*s", (int)length, text);
 
     epicsMutexMustLock(s->lock);
     if (!port)

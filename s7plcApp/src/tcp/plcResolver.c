@@ -1,4 +1,5 @@
 /* Name look-ups off the station's thread; see plcResolver.h. */
+#include <ctype.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,6 +14,8 @@
 
 #include "plcResolver.h"
 
+enum { HOST_MAX = 255 };
+
 /* Shared by the owner and a look-up that runs; the last of them frees it. */
 struct plcResolver {
     epicsMutexId lock;
@@ -26,6 +29,21 @@ struct plcResolver {
     void (*wake)(void *arg); /* NULL: the owner has gone */
     void *arg;
 };
+
+int plcAddressIsHost(const char *host)
+{
+    struct in_addr address;
+    size_t i;
+
+    for (i = 0; host[i]; i++)
+        if (!isalnum((unsigned char)host[i]) && !strchr(".-_", host[i]))
+            return 0;
+    if (i > HOST_MAX)
+        return 0;
+    if (i == 0 || inet_pton(AF_INET, host, &address) == 1)
+        return 1;
+    return strspn(host, "0123456789.") < i && !inet_aton(host, &address);
+}
 
 int plcAddressPlus(struct in_addr *address, unsigned plus)
 {

@@ -26,6 +26,12 @@ void plcResolverRelease(plcResolver *resolver);
 int plcResolverAddress(plcResolver *resolver, int refresh, struct in_addr *address,
                        char *error, size_t size);
 
+/* True for "", a name of 1 to 255 letters, digits and . - _, and an IPv4 address of four decimal
+ * numbers. What resolvers take for another address is none: 192.168.1 is 192.168.0.1 to them,
+ * 0300.1.1.1 is 192.1.1.1. Whether the host exists is not asked. Any thread. */
+int plcAddressIsHost(const char *host);
+#define PLC_HOST_ALLOWED "host name or dotted IP address (four numbers)"
+
 /* Adds `plus` to the last byte of the address. Returns 0, or -1 when that leaves 1..254. */
 int plcAddressPlus(struct in_addr *address, unsigned plus);
 
