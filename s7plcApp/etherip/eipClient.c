@@ -11,16 +11,18 @@
 
 #include "eipClient.h"
 
-static int fail(eipClient *c, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
+/* Says why, and is -1, which checkers of code do not see through variable arguments. */
+#define fail(c, ...) (explain(c, __VA_ARGS__), -1)
 
-static int fail(eipClient *c, const char *format, ...)
+static void explain(eipClient *c, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
+
+static void explain(eipClient *c, const char *format, ...)
 {
     va_list args;
 
     va_start(args, format);
     epicsVsnprintf(c->why, sizeof(c->why), format, args);
     va_end(args);
-    return -1;
 }
 
 /* --- Connection ---------------------------------------------------------------------------- */
