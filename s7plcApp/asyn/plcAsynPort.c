@@ -411,6 +411,13 @@ int plcAsynPortCreate(const char *name, const char *stationName, double initialW
                         stationName, names[0] ? names : "none (s7plcConfigure first)");
         return -1;
     }
+    if (plcStationByName(station)) {
+        errlogSevPrintf(errlogMajor,
+                        "drvAsynS7plcConfigure %s %s: a PLC by %s has tags, no offsets; allowed: "
+                        "PLCs with blocks, pairs, Modbus\n",
+                        name, stationName, plcStationByName(station));
+        return -1;
+    }
     error = refuse(name, station);
     if (!error)
         error = bindPort(findPort(name), station);

@@ -342,6 +342,14 @@ def test_bad_configure(new_peer, new_asyn, line, message):
     assert len(lines) == 1 and "drvAsynS7plcConfigure" in lines[0], ioc.log
 
 
+def test_etherip(new_asyn):
+    """a PLC with tags has no asyn port, and one line says so"""
+    ioc = new_asyn('etheripConfigure("TAGS", "127.0.0.1:1", 0)', record("longin", "x", "Soft Channel", "5"),
+                   port='drvAsynS7plcConfigure("A", "TAGS")')
+    lines = [text for text in ioc.log.splitlines() if "has tags, no offsets" in text]
+    assert len(lines) == 1 and lines[0].endswith("allowed: PLCs with blocks, pairs, Modbus"), ioc.log
+
+
 def test_wrong_use(new_peer, new_asyn):
     """an input cannot be written, other addresses than 0 are refused, both with the reason"""
     peer = new_peer(16, 16)

@@ -904,6 +904,19 @@ def test_bad_links(plant):
         assert words in line
 
 
+def test_no_offsets(plant):
+    """A link by offset to a PLC with tags is one clear line, and LINK/INVALID, before and after iocInit"""
+    plant.tags("tag a DINT")
+    ioc = plant.new_ioc(f'etheripConfigure("P", "127.0.0.1:{plant.port}", 0)', rec("longin", "a", "a S 0.05")
+                        + 'record(longin, "$(P)off") { field(DTYP, "S7plc") field(INP, "@P/0 T=INT32") }\n')
+    lines = [line for line in ioc.log.splitlines() if "has tags, no offsets" in line]
+    assert len(lines) == 1 and 'off"' in lines[0]
+    until_equal(lambda: ioc.alarm("a")[0], "NO_ALARM")
+    ioc.put("off.INP", "@P/8 T=INT32")
+    ioc.process_record("off")
+    assert ioc.alarm("off")[:2] == ("INVALID", "LINK")
+
+
 def test_wrong_definitions(plant):
     """A wrong argument of a definition is one line, and no PLC"""
     plant.tags("tag A DINT")

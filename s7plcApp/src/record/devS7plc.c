@@ -134,6 +134,16 @@ static int placeReadback(devRecord *dev, const plcLink *link, plcLinkError *erro
     return 0;
 }
 
+/* Values that have names have no offsets. */
+static int checkOffsets(const devRecord *dev, const plcLink *link, plcLinkError *error)
+{
+    const char *wire = plcStationByName(dev->station);
+
+    return wire ? devFail(error, link->column.offset,
+                          "a PLC by %s has tags, no offsets; needed: the DTYP for its tags", wire)
+                : 0;
+}
+
 /* Fills dev from the completed link. */
 static int place(dbCommon *prec, devRecord *dev, const plcLink *link, size_t room,
                  plcLinkError *error)
@@ -141,6 +151,8 @@ static int place(dbCommon *prec, devRecord *dev, const plcLink *link, size_t roo
     const devSupport *support = devSupportOf(prec);
     int out = support->direction == devOut;
 
+    if (checkOffsets(dev, link, error))
+        return -1;
     dev->image = out ? plcStationOutput(dev->station) : plcStationInput(dev->station);
     dev->faults = out ? plcStationOutFaults(dev->station) : plcStationInFaults(dev->station);
     dev->type = link->type;

@@ -100,6 +100,10 @@ const char *plcStationName(const plcStation *station);
 /* The order of plcCodec.h for values of this PLC: its byte order and the option
  * wordOrder. */
 int plcStationOrder(const plcStation *station);
+
+/* The wire by which values are found by their names in the PLC, for people; NULL: they have
+ * offsets. */
+const char *plcStationByName(const plcStation *station);
 size_t plcStationInSize(const plcStation *station);
 size_t plcStationOutSize(const plcStation *station);
 plcImage *plcStationInput(plcStation *station);  /* never NULL */

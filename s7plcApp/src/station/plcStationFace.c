@@ -25,6 +25,11 @@ int plcStationOrder(const plcStation *s)
     return s->order;
 }
 
+const char *plcStationByName(const plcStation *s)
+{
+    return s->exchange && s->exchange->transport->used ? s->exchange->transport->name : NULL;
+}
+
 size_t plcStationInSize(const plcStation *s)
 {
     return s->inSize;
