@@ -385,7 +385,7 @@ int drvEtherIP_read_tag(const char *ip, int slot, const char *tag, int elements,
         complain(tag, c->why);
     } else {
         printf("%s=", tag);
-        eipValuePrint(&value, stdout);
+        eipValuePrint(c, &value, stdout);
         printf("\n");
     }
     eipValueFree(&value);

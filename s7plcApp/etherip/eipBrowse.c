@@ -70,6 +70,9 @@ int eipSymbolCounts(const eipSymbol *symbol)
     static const char *const others[] = {"__", "Map:", "Cxn:", "Task:", "Routine:", "UDI:"};
     size_t i;
 
+    /* Programs are marked as the controller's own. */
+    if (epicsStrnCaseCmp(symbol->name, "Program:", 8) == 0)
+        return 1;
     if (symbol->type & eipSymbolSystem || !symbol->name[0])
         return 0;
     for (i = 0; i < sizeof(others) / sizeof(others[0]); i++)
@@ -204,6 +207,11 @@ unsigned eipTemplateIsString(const eipTemplate *t)
         m[1].info > t->size - eipStringData)
         return 0;
     return m[1].info;
+}
+
+int eipMemberIsHidden(const eipMember *m)
+{
+    return m->name[0] == '_' || strncmp(m->name, "ZZZZ", 4) == 0;
 }
 
 void eipTemplatesClear(eipTemplates *templates)

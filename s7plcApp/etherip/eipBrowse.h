@@ -76,6 +76,9 @@ typedef struct eipMember {
     epicsUInt32 offset; /* bytes from the start of the structure */
 } eipMember;
 
+/* Hosts of BOOLs, and what the controller keeps for itself. */
+int eipMemberIsHidden(const eipMember *member);
+
 typedef struct eipTemplate {
     unsigned id, handle;
     epicsUInt32 words;  /* of the definition, 4 bytes each */

@@ -196,8 +196,10 @@ static void learnString(eipClient *c, eipValue *v)
         v->characters = eipStringRoom;
     else if (typeOf(c, v->name.base, &type, dimension) == 0 && eipIsStructure(type))
         t = eipClientTemplate(c, eipTemplateId(type));
-    if (t && t->handle == v->data.handle)
+    if (t && t->handle == v->data.handle) {
         v->characters = eipTemplateIsString(t);
+        v->structure = t;
+    }
 }
 
 int eipClientRead(eipClient *c, eipValue *v, unsigned count)
@@ -227,52 +229,6 @@ int eipClientRead(eipClient *c, eipValue *v, unsigned count)
     } while (answer.status == eipPartial);
     learnString(c, v);
     return 0;
-}
-
-static void printHex(const epicsUInt8 *bytes, size_t n, FILE *file)
-{
-    size_t i;
-
-    for (i = 0; i < n; i++)
-        fprintf(file, "%s%02X", i ? " " : "", bytes[i]);
-}
-
-static void printText(const eipValue *v, FILE *file)
-{
-    char escaped[1200];
-    size_t n;
-    const char *text = eipTextGet(v->data.code, v->data.bytes, v->data.length, &n);
-
-    if (text && n <= 256 && (v->data.code != eipStructureCode || v->characters)) {
-        epicsStrnEscapedFromRaw(escaped, sizeof(escaped), text, n);
-        fprintf(file, "\"%s\"", escaped);
-    } else {
-        printHex(v->data.bytes, v->data.length, file);
-    }
-}
-
-void eipValuePrint(const eipValue *v, FILE *file)
-{
-    const eipType *type = eipTypeOf(v->data.code);
-    char number[64];
-    size_t i;
-
-    if (!type->size) {
-        printText(v, file);
-        return;
-    }
-    for (i = 0; i + type->size <= v->data.length; i += type->size) {
-        eipNumber one;
-
-        eipNumberGet(type, v->data.bytes + i, &one);
-        if (v->name.bit >= 0 && one.kind != eipReal) {
-            one.u.integer = v->name.bit < (int)type->size * 8
-                                ? one.u.integer >> v->name.bit & 1
-                                : 0;
-        }
-        eipNumberText(type, &one, number, sizeof(number));
-        fprintf(file, "%s%s", i ? " " : "", number);
-    }
 }
 
 /* --- The list ------------------------------------------------------------------------------ */
@@ -449,7 +405,7 @@ int eipClientPrintTemplate(eipClient *c, unsigned id, FILE *file)
         const eipMember *m = &t->members[i];
         epicsUInt32 length[3] = {m->info, 0, 0};
 
-        if (m->name[0] == '_' || strncmp(m->name, "ZZZZ", 4) == 0)
+        if (eipMemberIsHidden(m))
             continue;
         fprintf(file, "  %5u  .%-38s %s", m->offset, m->name,
                 typeText(c, m->type, length, text, sizeof(text)));

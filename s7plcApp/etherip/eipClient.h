@@ -49,6 +49,7 @@ typedef struct eipValue {
     eipName name;
     eipData data; /* its bytes lie in `bytes` */
     unsigned characters; /* that a string has room for; 0: it is none, or is not known */
+    const eipTemplate *structure; /* of the client; NULL: it is none, or is not known */
     epicsUInt8 *bytes; /* of eipClientValueMax */
 } eipValue;
 
@@ -61,8 +62,8 @@ void eipValuePath(eipWriter *w, const eipName *name, int service);
 /* Reads `count` elements, in as many parts as it takes. */
 int eipClientRead(eipClient *c, eipValue *value, unsigned count);
 
-/* "1 2 3" or "\"text\"", without a line end. */
-void eipValuePrint(const eipValue *value, FILE *file);
+/* "1 2 3", "\"text\"" or "{Speed=1 Name="M"}", without a line end. */
+void eipValuePrint(eipClient *c, const eipValue *value, FILE *file);
 
 typedef void eipSymbolVisit(eipClient *c, const char *name, const eipSymbol *symbol, void *arg);
 

@@ -76,7 +76,7 @@ static int readOne(eipClient *c, const char *tag)
         return complain(tag, c);
     }
     printf("%s=", tag);
-    eipValuePrint(&v, stdout);
+    eipValuePrint(c, &v, stdout);
     putchar('\n');
     eipValueFree(&v);
     return 0;
@@ -118,7 +118,7 @@ static int watchOne(eipClient *c, const char *tag, watched *last)
         epicsTimeGetCurrent(&now);
         epicsTimeToStrftime(stamp, sizeof(stamp), "%H:%M:%S.%03f", &now);
         printf("%s %s=", stamp, tag);
-        eipValuePrint(&v, stdout);
+        eipValuePrint(c, &v, stdout);
         putchar('\n');
         fflush(stdout);
     }

@@ -972,6 +972,30 @@ def test_plctag_port(plant):
         assert done.returncode == 1 and f"port {port}; allowed: 1 to 65535" in done.stderr, done
 
 
+def test_plctag_programs_structures(plant):
+    """plcTag lists programs, reads structures by members, and watches until a tag is refused"""
+    plant.tags("udt Axis Pos:INT On:BOOL Off:BOOL", "udt Name string 4",
+               "udt Motor axis:Axis[2] Speed:REAL name:Name", "tag M Motor", "tag Program:Main.x DINT = 7")
+
+    def tag(*words, status=0, options=()):
+        done = subprocess.run([PLC_TAG, *options, f"127.0.0.1:{plant.port}", *words], capture_output=True,
+                              text=True, timeout=30)
+        assert done.returncode == status, done
+        return done.stdout + done.stderr
+
+    assert tag("list", "Program:*").split() == ["Program:Main.x", "DINT"]
+    assert "Program:Main.x  DINT" in tag("describe", "Program:Main.x")
+    tag("write", "Program:Main.x", "-3")
+    assert tag("read", "Program:Main.x") == "Program:Main.x=-3\n"
+    for words in (("M.axis[1].Pos", "-5"), ("M.axis[1].Off", "1"), ("M.Speed", "1.5"), ("M.name", "ab")):
+        tag("write", *words)
+    assert tag("read", "M") == ('M={axis={Pos=0 On=0 Off=0} {Pos=-5 On=0 Off=1} Speed=1.5 '
+                                'name="ab"}\n')
+    assert tag("read", "M.axis[1]") == "M.axis[1]={Pos=-5 On=0 Off=1}\n"
+    assert tag("watch", "M.axis[1]", options=("-w", "0.01", "-c", "3")).count("Pos=-5") == 1
+    assert "no such tag" in tag("watch", "Nix", status=1, options=("-w", "0.01", "-c", "3"))
+
+
 # --- The demonstration --------------------------------------------------------------------
 
 def test_demo():
