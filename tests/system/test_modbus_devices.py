@@ -77,6 +77,32 @@ def test_closes_when_idle(new_modbus, new_ioc):
     quiet(ioc)
 
 
+def test_closes_after_two_idle_seconds(new_modbus, new_ioc):
+    """a device that closes after 2 s without a request, between its polls: read and written, no alarm, no word"""
+    plc, closed = new_modbus(), []
+
+    def watch(handler, asked):
+        if len(plc.requests) == asked and not handler.ended:
+            closed.append(handler.number)
+            handler.drop(reset=False)
+
+    def mangle(request, frame):
+        plc.loop.call_later(2, watch, plc.handlers[-1], len(plc.requests))
+        return frame
+    plc.mangle = mangle
+    ioc = start(plc, new_ioc, "readPeriod 0", inputs="holding 0 100 every 5000")
+    for value in range(1, 4):
+        plc.holding[0] = plc.holding[99] = value
+        until(lambda: len(closed) >= value, "a close because nobody asks")
+        ioc.put("out", 100 + value)
+        until_equal(lambda: plc.holding[200], 100 + value)
+        ioc.wait_value("in", value)
+        ioc.wait_value("last", value)
+        assert ioc.severity("in") == ioc.severity("last") == ioc.severity("out") == "NO_ALARM"
+    assert plc.connections > 3
+    quiet(ioc)
+
+
 def test_answers_twice(new_modbus, new_ioc):
     """a device that answers everything twice: the second answer is dropped"""
     plc = new_modbus()
@@ -105,6 +131,7 @@ def test_units(new_modbus, new_ioc):
     db = "\n".join(f"""
         record(longin, "$(P)in{u}") {{ field(DTYP, "S7plc") field(INP, "@PLC/{4 * u} T=INT16") field(SCAN, "I/O Intr") }}
         record(longout, "$(P)out{u}") {{ field(DTYP, "S7plc") field(OUT, "@PLC/{4 * u} T=INT16") }}""" for u in range(3))
+    db += DB[DB.index('record(longin, "$(P)losses")'):]
     ioc = start(plc, new_ioc, inputs="holding 0 2 every 50, holding 10 2 every 50 unit 2, holding 20 2 every 50 unit 3",
                 outputs="holding 100 2, holding 100 2 unit 2, holding 100 2 unit 3", db=db)
     for u in range(3):
@@ -115,6 +142,8 @@ def test_units(new_modbus, new_ioc):
         assert [(r.unit, r.start) for r in plc.writes(mark)] == [(u + 1, 100)]
     assert {(r.unit, r.start) for r in plc.since(0, 3) if r.start < 100} == {(1, 0), (2, 10), (3, 20)}
     assert plc.connections == 1
+    assert {ioc.severity(f"{way}{u}") for way in ("in", "out") for u in range(3)} == {"NO_ALARM"}
+    quiet(ioc)
 
 
 def test_silent_unit(new_modbus, new_ioc):
