@@ -53,6 +53,9 @@ static int ranges(const char *command, const char *name, const char *const text[
     return 0;
 }
 
+static const char oneStation[] = "a device that takes only one needs one station, with \"unit n\" in "
+                                 "its ranges";
+
 /* modbusplcConfigure. Returns the station, or NULL after one error line. */
 static plcStation *configure(const char *command, const char *const args[7])
 {
@@ -86,6 +89,7 @@ static plcStation *configure(const char *command, const char *const args[7])
         free(own.outputs);
         return NULL;
     }
+    plcConfigureSharing(command, station, oneStation);
     sprintf(text, "%d", (int)timeout);
     plcStationSetOption(station, "requestTimeout", text, why, sizeof(why));
     return station;
@@ -129,8 +133,10 @@ static int configureOutput(const char *command, const char *const args[5])
     own.outputs->count = (unsigned)size / 2;
     own.outputCount = 1;
     if (plcStationOutputBy(station, address, port, &plcModbusTransport, &own, error,
-                           sizeof(error)) == 0)
+                           sizeof(error)) == 0) {
+        plcConfigureSharing(command, station, oneStation);
         return 0;
+    }
     free(own.outputs);
     plcConfigureRefuse(command, name, "%s", error);
     return -1;

@@ -326,6 +326,24 @@ def test_another_client(new_modbus, new_ioc):
     use(plc, ioc, 2)
 
 
+def test_one_address_twice(new_ioc):
+    """two stations on one host and port: one line for each later one, and none for another port or host"""
+    ioc = new_ioc("""modbusplcConfigure A, plc.invalid, 502, 1, "holding 0 1"
+                     modbusplcConfigure B, PLC.invalid, 502, 2, "holding 0 1"
+                     modbusplcConfigure C, plc.invalid, 503, 1, "holding 0 1"
+                     s7plcConfigure D, 127.0.0.87, 2000, 0, 2
+                     s7plcConfigure E, 127.0.0.87, 2000, 0, 2
+                     s7plcConfigure F, 127.0.0.88, 2000, 0, 2
+                     s7plcModbusOutput F, plc.invalid, 503, 1, 0
+                     s7plcConfigure G, "", 0, 0, 2
+                     s7plcConfigure H, "", 0, 0, 2""", "")
+    lines = [line for line in ioc.log.splitlines() if "has the same host and port" in line]
+    assert len(lines) == 3, lines
+    assert "modbusplcConfigure B: A has" in lines[0] and 'one station, with "unit n"' in lines[0]
+    assert "s7plcConfigure E: D has" in lines[1] and "a port for each" in lines[1]
+    assert "s7plcModbusOutput F: C has" in lines[2]
+
+
 def test_refused_arguments(new_ioc):
     """an address that is no full IPv4 address, and reference numbers of manuals, are refused with what is allowed"""
     ioc = new_ioc("""modbusplcConfigure A, 192.168.1, 502, 1, "holding 0 1"

@@ -35,6 +35,16 @@ plcStation *plcConfigureRefuse(const char *command, const char *name, const char
     return NULL;
 }
 
+void plcConfigureSharing(const char *command, plcStation *station, const char *advice)
+{
+    const char *other = plcStationSharing(station);
+
+    if (other)
+        errlogSevPrintf(errlogInfo, "%s %.60s: %.60s has the same host and port, and each makes a "
+                        "connection of its own; %s\n", command, plcStationName(station), other,
+                        advice);
+}
+
 static int isName(const char *name)
 {
     size_t i;
@@ -144,6 +154,7 @@ plcStation *plcConfigure(const char *command, const char *const args[8],
     plcStationConfig config = {.name = name, .policy = policy, .policyPvt = policyPvt,
                                .transport = &plcBlocks};
     epicsInt32 value[6];
+    plcStation *station;
     int i;
 
     if (!plcConfigureIsNew(command, name))
@@ -161,5 +172,9 @@ plcStation *plcConfigure(const char *command, const char *const args[8],
     config.bigEndian = value[bigEndian];
     config.recvTimeout = value[recvTimeout];
     config.sendInterval = value[sendInterval];
-    return plcStationCreate(&config);
+    station = plcStationCreate(&config);
+    if (station)
+        plcConfigureSharing(command, station, "a PLC that takes one connection at a port needs a "
+                                              "port for each");
+    return station;
 }

@@ -27,6 +27,10 @@ typedef struct plcNumberArg {
 /* Writes the error line, which begins with `command` and the PLC's name. Returns NULL. */
 plcStation *plcConfigureRefuse(const char *command, const char *name, const char *format, ...);
 
+/* One line, when another station has a connection to the same host and port: that each makes its
+ * own, and this advice. */
+void plcConfigureSharing(const char *command, plcStation *station, const char *advice);
+
 /* True for a name that a new station may have; else after the error line. */
 int plcConfigureIsNew(const char *command, const char *name);
 

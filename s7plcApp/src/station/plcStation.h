@@ -261,6 +261,10 @@ void plcStationAddress(plcStation *station, char *text, size_t size);
 /* The same for one connection of a pair: 0 FIRST, 1 SECOND; "" where there is none. */
 void plcStationLineAddress(plcStation *station, unsigned line, char *text, size_t size);
 
+/* The name of another station that was configured with a connection to the same host and port,
+ * compared as they were written; NULL: none. Any thread. */
+const char *plcStationSharing(plcStation *station);
+
 int plcStationMove(plcStation *station, const char *text, char *error, size_t size);
 
 /* All its connections end, and are made anew. Any thread. */

@@ -7,6 +7,7 @@
 #include <epicsAtomic.h>
 #include <epicsStdio.h>
 #include <epicsStdlib.h>
+#include <epicsString.h>
 #include <errlog.h>
 #include <osiSock.h>
 
@@ -339,13 +340,10 @@ static void plusText(const char *host, int plus, char *text, size_t size)
     epicsSnprintf(text, size, "%.*s", (int)strcspn(dotted, ":"), dotted);
 }
 
-void plcStationLineAddress(plcStation *s, unsigned line, char *text, size_t size)
+static void lineText(plcStation *s, unsigned line, char *text, size_t size)
 {
     char host[PLC_NAME_MAX + 1];
 
-    text[0] = 0;
-    if (line >= s->policy->lines)
-        return;
     epicsMutexMustLock(s->lock);
     plusText(s->address[line], s->plus[line], host, sizeof(host));
     if (s->port[line])
@@ -353,6 +351,44 @@ void plcStationLineAddress(plcStation *s, unsigned line, char *text, size_t size
     else
         epicsSnprintf(text, size, "%s", host);
     epicsMutexUnlock(s->lock);
+}
+
+void plcStationLineAddress(plcStation *s, unsigned line, char *text, size_t size)
+{
+    text[0] = 0;
+    if (line < s->policy->lines)
+        lineText(s, line, text, size);
+}
+
+typedef struct Sharing {
+    plcStation *station, *other; /* other: found, or NULL */
+} Sharing;
+
+static void compareLines(plcStation *other, void *arg)
+{
+    Sharing *sharing = arg;
+    plcStation *s = sharing->station;
+    char mine[PLC_NAME_MAX + 20], its[PLC_NAME_MAX + 20];
+    unsigned i, j;
+
+    if (other == s || sharing->other)
+        return;
+    for (i = 0; i < s->lineCount; i++) {
+        lineText(s, i, mine, sizeof(mine));
+        for (j = 0; j < other->lineCount; j++) {
+            lineText(other, j, its, sizeof(its));
+            if (mine[0] && mine[0] != ':' && epicsStrCaseCmp(mine, its) == 0)
+                sharing->other = other;
+        }
+    }
+}
+
+const char *plcStationSharing(plcStation *s)
+{
+    Sharing sharing = {s, NULL};
+
+    plcStationEach(compareLines, &sharing);
+    return sharing.other ? sharing.other->name : NULL;
 }
 
 int plcStationMove(plcStation *s, const char *text, char *error, size_t size)
