@@ -563,6 +563,10 @@ static void walk(int depth, size_t most)
     testOk(v.lies == 0, "the IOC never takes another table for its own");
     testOk(v.lost == 0, "from every state the PLC takes a good table and refuses a bad one "
            "once faults stop");
+    simTablesFree(&v.queue[0].plc); /* the copies in all states share it */
+    simMemoryFree(&memory);
+    for (level = 0; level < TABLES; level++)
+        plcPointersFree(tables[level]);
     free(seen);
     free(v.queue);
 }
@@ -615,7 +619,9 @@ static void arithmetic(void)
      * row and one to begin with it, ten a block; and the block that shows it. */
     testOk(count == 1 + 101 + 1 + (32 + 100 + 1 + 9) / 10, "100 rows in %u blocks", count);
     testOk(falls == 0 && last == 100, "progress rises from 0 to 100 %%");
+    simTablesFree(plc);
     free(plc);
+    simMemoryFree(&memory);
     plcPointersFree(table);
 }
 
@@ -633,5 +639,6 @@ MAIN(tablesTest)
     patience();
     walk(argc > 1 ? atoi(argv[1]) : 7, 400000);
     arithmetic();
+    plcPointersFree(table);
     return testDone();
 }
