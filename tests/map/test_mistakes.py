@@ -301,6 +301,10 @@ MISTAKES = [
      "is no host name or address; allowed: one, such as 192.168.0.10"),
     ("a pair over Modbus", {"plc": "key,value\nwire,modbus\nsecond,10.0.0.2\n"},
      "plc.csv:3:2: second: ", "a pair needs wire=block, not modbus"),
+    ("registers beyond the last", {"plc": "key,value\nwire,modbus\nin_register,65530\n"},
+     "plc.csv:3:2: in_register: ", "allowed: up to register 65535"),
+    ("registers of input and output", {"plc": "key,value\nwire,modbus\nout_register,4\n"},
+     "plc.csv:3:2: out_register: ", "are input and output; allowed: "),
     ("a download without the handshake", {"plc": "key,value\nsync,off\ndownload,on\n"},
      "plc.csv:3:2: download: ", "download=on needs sync=on"),
 ]

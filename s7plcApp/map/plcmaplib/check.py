@@ -29,6 +29,7 @@ def check(map_, placed=True):
     _check_rows(map_, placed)
     _check_blocks(map_)
     _check_overlaps(map_)
+    _check_registers(map_)
     _check_readback(map_)
     _check_memory(map_)
     _check_variables(map_)
@@ -163,6 +164,26 @@ def _check_blocks(map_):
                     not isinstance(item.type, Text):
                 map_.report.warning(item.row.place(side), side, "%s at the odd byte %d: the "
                                     "blocks of an S7 cannot declare it" % (item.type, byte))
+
+
+def _check_registers(map_):
+    """The holding registers of both blocks: within the protocol's, and each of one block."""
+    plc = map_.plc
+    if plc["wire"] not in ("modbus", "block-modbus"):
+        return
+    ranges = {}
+    for side, key, name in (("tx", "in_register", "input"), ("rx", "out_register", "output")):
+        if side == "tx" and plc["wire"] != "modbus":
+            continue
+        first, count = map_.number(key) or 0, map_.block_size(side) // 2
+        ranges[side] = first, first + count
+        if first + count > 65536:
+            map_.report.error(map_.plc_place(key), key, "%d registers of the %s from %d end at %d; allowed: "
+                              "up to register 65535" % (count, name, first, first + count - 1))
+    (low, end), (first, behind) = ranges.get("tx", (0, 0)), ranges["rx"]
+    if first < end and low < behind:
+        map_.report.error(map_.plc_place("out_register"), "out_register", "registers %d to %d are input and "
+                          "output; allowed: %d and up" % (max(first, low), min(behind, end) - 1, end))
 
 
 def _check_overlaps(map_):
