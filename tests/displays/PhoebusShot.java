@@ -46,6 +46,9 @@ public class PhoebusShot {
     static List<String> unconnected(String name) {
         List<String> pvs = new ArrayList<>();
         each(opened.get(name).model(), widget -> {
+            if (!widget.checkProperty(CommonWidgetProperties.propVisible)
+                       .map(WidgetProperty::getValue).orElse(true))
+                return; // what this PLC does not have
             WidgetRuntime<Widget> runtime = WidgetRuntime.ofWidget(widget);
             if (runtime == null)
                 return;

@@ -58,6 +58,8 @@ def _value(i):
 
 
 def _lamp(i):
+    if i.part:  # MEDM cannot leave it out, and would show it white
+        return []
     out = []
     for condition, word, colour in [("", "?", PURPLE)] + [(f"A={v}", w, c)
                                                           for v, w, c in i.states]:

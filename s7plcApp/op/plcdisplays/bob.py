@@ -38,9 +38,13 @@ def _value(i):
 def _lamp(i):
     states = "".join(f"<state>{_tags(value=v, label=word)}{_colour('color', c)}</state>"
                      for v, word, c in i.states)
-    return "multi_state_led", "2.0.0", (
+    return "multi_state_led", "2.0.0", _visible(i) + (
         _tags(pv_name=i.pv) + f"<states>{states}</states>" + _tags(fallback_label="?") +
         _colour("fallback_color", PURPLE) + _font(i.size, True) + _tags(square="true"))
+
+
+def _visible(i):
+    return _tags(visible=f"$(HAS_{i.part}=false)") if i.part else ""
 
 
 def _open(i):
@@ -49,11 +53,10 @@ def _open(i):
         _tags(**{k: v if not k.startswith("HAS_") else
                  {"0": "false", "1": "true"}.get(v, f"$({k}=false)")})
         for k, v in i.macros.items())
-    visible = _tags(visible=f"$(HAS_{i.part}=false)") if i.part else ""
     return "action_button", "3.0.0", (
         f'<actions><action type="open_display"><file>{i.display}.bob</file><macros>{macros}'
         f"</macros><target>tab</target>{_tags(description=i.text)}</action></actions>" +
-        _tags(text=i.text) + visible)
+        _tags(text=i.text) + _visible(i))
 
 
 def _order(i):

@@ -74,7 +74,7 @@ def overview(plcs):
 
 
 def station():
-    d = Display("plclinkStation", "PLC $(NAME)", 1000, 770,
+    d = Display("plclinkStation", "PLC $(NAME)", 1000, 804,
                 "One PLC: s7plcStation.db. Macros: P, NAME; HAS_MODBUS, ...: 1 or 0")
     heading(d, "PLC $(NAME)", [("Modbus", "plclinkModbus", "MODBUS"),
                                ("Sync", "plclinkSync", "SYNC"),
@@ -90,43 +90,45 @@ def station():
     d.value("$(P)LostTime", 512, 84, 234, longest=TIME)
     d.lamp("$(P)Setpoints", 760, 50, 228, 56, SETPOINTS, 24)
     d.lamp("$(P)Refused", 760, 112, 228, 28, REFUSED, 16)
-    d.group("Connection", 16, 124, 124, 340,
+    d.lamp("$(P)Pair", 16, 112, 240, 28, PAIR, 16, "PAIR")
+    d.lamp("$(P)Backup", 266, 112, 240, 28, BACKUP, 16, "PAIR")
+    d.group("Connection", 16, 158, 124, 340,
             [("Address", "Address", TEXT), ("Connected at", "ConnectTime", TIME),
              ("Connected for", "ConnectedFor", SECONDS), ("Last error", "LastError", TEXT),
              ("  at", "LastErrorTime", TIME)])
-    d.label("Options", 16, 270, 124)
-    d.value("$(P)Options", 140, 270, 370, 20, 11, long=True)
-    d.group("Since reset", 520, 124, 116, 104,
+    d.label("Options", 16, 304, 124)
+    d.value("$(P)Options", 140, 304, 370, 20, 11, long=True)
+    d.group("Since reset", 520, 158, 116, 104,
             [("Connections", "Connects", NUMBER), ("Losses", "Reconnects", NUMBER),
              ("Failed attempts", "ConnectErrors", NUMBER), ("Blocks in", "BlocksIn", NUMBER),
              ("Blocks out", "BlocksOut", NUMBER), ("Heartbeats", "Heartbeats", NUMBER)])
-    d.group("Trouble since reset", 760, 148, 124, 104,
+    d.group("Trouble since reset", 760, 158, 124, 104,
             [("Skipped", "Skipped", NUMBER), ("Coalesced", "Coalesced", NUMBER),
              ("Puts refused", "RefusedWrites", NUMBER), ("Puts dropped", "PutsDropped", NUMBER),
              ("Slow sends", "SlowSends", NUMBER),
              ("Doubts", "Doubts", NUMBER), ("Out of step", "OutOfStep", NUMBER),
              ("Wrong size", "SizeMismatches", NUMBER),
              ("Clock errors", "ClockErrors", NUMBER)])
-    d.group("Now", 16, 300, 130, 100,
+    d.group("Now", 16, 334, 130, 100,
             [("Since block in", "BlockAge", SECONDS), ("Since block out", "HeartbeatAge", SECONDS),
              ("Size in", "InSize", "12345678 bytes"), ("Size out", "OutSize", "12345678 bytes"),
              ("If wrong: it sends", "BurstSize", "12345678 bytes"),
              ("Layout of PLC", "LayoutPlc", "65535"),
              ("PLC clock - IOC", "ClockOffset", "-86400.000 s")])
-    d.group("Block to block", 16, 496, 130, 100,
+    d.group("Block to block", 16, 530, 130, 100,
             [("Last", "Period", MS), ("Shortest", "PeriodMin", MS), ("Longest", "PeriodMax", MS),
              ("Mean", "PeriodMean", MS), ("Jitter", "Jitter", MS)])
-    d.group("Latency", 16, 644, 130, 100,
+    d.group("Latency", 16, 678, 130, 100,
             [("Put to kernel", "SendLatency", MS), ("  longest", "SendLatencyMax", MS),
              ("Block to records", "ScanLatency", MS), ("  longest", "ScanLatencyMax", MS)])
-    d.plot("From block to block", "$(P)PeriodHistogram", "$(P)HistogramBins", 264, 396, 360, 322,
+    d.plot("From block to block", "$(P)PeriodHistogram", "$(P)HistogramBins", 264, 430, 360, 322,
            "blocks")
-    d.plot("From block to end of scan", "$(P)LatencyHistogram", "$(P)HistogramBins", 630, 396,
+    d.plot("From block to end of scan", "$(P)LatencyHistogram", "$(P)HistogramBins", 630, 430,
            360, 322, "passes")
-    d.label("Numbers stand still while all is quiet:", 264, 730, 264)
-    d.order("Live for 10 min", "$(P)Live", 530, 728, 120, 28, 1, "")
-    d.order("Send now", "$(P)Send", 712, 728, 120, 28, 1, "Send the output block of $(NAME) now?")
-    d.order("Reset counters", "$(P)Reset", 868, 728, 120, 28, 1,
+    d.label("Numbers stand still while all is quiet:", 264, 764, 264)
+    d.order("Live for 10 min", "$(P)Live", 530, 762, 120, 28, 1, "")
+    d.order("Send now", "$(P)Send", 712, 762, 120, 28, 1, "Send the output block of $(NAME) now?")
+    d.order("Reset counters", "$(P)Reset", 868, 762, 120, 28, 1,
             "Set counters and longest times of $(NAME) to 0?")
     return d
 

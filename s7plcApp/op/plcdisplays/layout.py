@@ -56,9 +56,9 @@ class Display:
         self._add("value", x, y, w, h, pv=pv, size=size, bold=bold, right=right,
                   longest=longest, long=long, unit=unit)
 
-    def lamp(self, pv, x, y, w, h, states, size=14):
-        """states: (value, word, colour) ..."""
-        self._add("lamp", x, y, w, h, pv=pv, states=states, size=size)
+    def lamp(self, pv, x, y, w, h, states, size=14, part=None):
+        """states: (value, word, colour) ... part: as of open()."""
+        self._add("lamp", x, y, w, h, pv=pv, states=states, size=size, part=part)
 
     def open(self, text, x, y, w, h, display, macros, part=None):
         """A button that opens a display. part: it is there only where this macro is 1."""

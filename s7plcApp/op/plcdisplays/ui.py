@@ -180,17 +180,17 @@ class PyDM(Writer):
                 _property("alignment", "set", "Qt::AlignCenter"),
                 self.seen(i.pv, f"ch[0] == {value}")])
         return self.widget("PyDMFrame", (i.x, i.y, i.w, i.h), [
-            self.style(unknown), self.channel(i.pv),
+            self.style(unknown), self.channel(i.pv), *self.part(i),
             _property("disableOnDisconnect", "bool", "true", True),
             _property("alarmSensitiveBorder", "bool", "false", True)], inside)
 
+    def part(self, i):
+        return [self.seen("$(P)State", f"'${{HAS_{i.part}}}' == '1'")] if i.part else []
+
     def open(self, i):
         macros = json.dumps({k: self.macros(v) for k, v in i.macros.items()})
-        rules = []
-        if i.part:
-            rules = [self.seen("$(P)State", f"'${{HAS_{i.part}}}' == '1'")]
         return self.widget("PyDMRelatedDisplayButton", (i.x, i.y, i.w, i.h), [
-            self.style(self.font(13, False)), _property("text", "string", i.text), *rules,
+            self.style(self.font(13, False)), _property("text", "string", i.text), *self.part(i),
             _property("showIcon", "bool", "false", True),
             _property("filenames", "stringlist", f"<string>{i.display}.ui</string>", True),
             _property("macros", "stringlist", f"<string>{escape(macros)}</string>", True)])
