@@ -6,6 +6,7 @@ import xml.etree.ElementTree as xml
 import pytest
 
 from client import TOP
+from docblocks import blocks
 
 GENERATE = TOP / "s7plcApp/op/generate.py"
 sys.path.insert(0, str(GENERATE.parent))
@@ -64,6 +65,18 @@ def test_overview(tmp_path):
     plcs.write_text("PRESS hall:PRESS: MODBUSS\n")
     run = generate("--plcs", plcs, "-o", tmp_path)
     assert run.returncode != 0 and f"{plcs}:1:" in run.stderr
+
+
+def test_documented(tmp_path):
+    """the list and the command of docs/displays.md make an overview of three PLCs"""
+    page = [b.text for b in blocks() if b.page == "displays.md"]
+    (tmp_path / "hall2.plcs").write_text(next(text for text in page if text.startswith("# name")))
+    command = next(text for text in page if text.startswith("python3 ")).split()
+    words = [str(TOP / w) if w.startswith("s7plcApp/") else w for w in command[1:]]
+    words[words.index("-o") + 1] = "out"
+    subprocess.run([sys.executable, *words], cwd=tmp_path, check=True)
+    text = (tmp_path / "out/bob/plclinkOverview.bob").read_text()
+    assert all(f"hall2:{name}:State" in text for name in ("PRESS", "OVEN", "CUTTER"))
 
 
 def test_ends(tmp_path):

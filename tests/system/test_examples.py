@@ -1,5 +1,6 @@
 """Every example of README.md and docs/ that can run does: databases load without a word of
-complaint, commands are accepted. What a block needs and does not have is put around it."""
+complaint, commands are accepted. What a block needs and does not have is put around it. Blocks
+that no test here runs are in blocks-not-run, each with its reason."""
 import os
 import re
 import struct
@@ -9,29 +10,20 @@ import xml.etree.ElementTree as xml
 import pytest
 
 from client import ARCH, TOP
+from docblocks import FILES, blocks, not_run
 from ioc import Ioc
 from waiting import until
 
-FILES = [TOP / "README.md", *sorted(file for file in (TOP / "docs").rglob("*.md")
-                                    if "O.site" not in file.parts)]
-OURS = re.compile(r"^(s7plc|phoenixplc|modbusplc|drvAsyn|drvEtherIP_|etheripC|dbLoadRecords)\w*", re.MULTILINE)
+OURS = re.compile(r"^(s7plc|phoenixplc|modbusplc|drvAsyn|asynSetTrace|drvEtherIP_|etheripC|dbLoadRecords)\w*",
+                  re.MULTILINE)
 # Blocks that show a syntax, or what is printed: nothing to run.
 SHOWN = re.compile(r"^(?!#).*PLCname|^s7plc \w+: |^s7plcAsyn \w+ |modbusInterposeConfig|^\w+Ioc st.cmd"
-                   r"|\$\(ADDRESS\)",
+                   r"|\$\(ADDRESS\)|ip\[:port\]",
                    re.MULTILINE)
 
 
-def blocks():
-    """(file and line, text) of each block between ``` lines."""
-    for file in FILES:
-        text = file.read_text()
-        for found in re.finditer(r"^```\w*\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
-            line = text.count("\n", 0, found.start()) + 1
-            yield f"{file.name}:{line}", found.group(1)
-
-
 def those(wanted):
-    return [pytest.param(text, id=place) for place, text in blocks() if wanted(text)]
+    return [pytest.param(block.text, id=block.place) for block in blocks() if wanted(block.text)]
 
 
 @pytest.fixture
@@ -102,7 +94,7 @@ def is_loadable(command):
 
 def command_of(line):
     """The command of a line, without the words of explanation beside it; None: there is none."""
-    found = re.match(r"((?:s7plc|phoenixplc|modbusplc|drvAsyn|drvEtherIP_|EIP_|etherip)\w*|iocInit|dbLoad\w+)(.*)", line)
+    found = re.match(r"((?:s7plc|phoenixplc|modbusplc|drvAsyn|asynSetTrace|drvEtherIP_|EIP_|etherip)\w*|iocInit|dbLoad\w+)(.*)", line)
     if not found:
         return None
     name, rest = found.groups()
@@ -129,11 +121,15 @@ def test_commands(run, text):
     program = "s7plcIoc"
     if "phoenix" in text:
         program = "phoenixIoc"
-    elif "drvAsyn" in text:
+    elif "drvAsyn" in text or "asynSetTrace" in text:
         program = "s7plcAsynIoc"
         if not (TOP / "bin" / ARCH / program).exists():
             pytest.skip("s7plcAsyn is not built: ASYN is not set in configure/RELEASE.local")
-    (run.folder / "plant.ptr").write_text(next(t for _, t in blocks() if t.startswith("layout ")))
+    # the table of plc-tables.md
+    (run.folder / "plant.ptr").write_text(next(b.text for b in blocks() if b.text.startswith("layout ")))
+    for port in sorted(set(re.findall(r"asynSetTrace\w+ +([\w-]+)", text))):
+        lines.insert(0, f"drvAsynS7plcConfigure {port}, PLC")
+        used.add("PLC")
     loads = any(map(is_loadable, lines))
     lines += ["iocInit"] if loads and "iocInit" not in lines else []
     log = run(configures(used - made) + "\n".join(lines), program)
@@ -158,10 +154,54 @@ def test_plc(tmp_path, text):
     assert ended.returncode == 0, ended.stdout + ended.stderr
 
 
-@pytest.mark.parametrize("text", those(lambda text: text.startswith(("<?xml", "<config"))))
+def is_xml(text):
+    return text.startswith(("<?xml", "<config"))
+
+
+@pytest.mark.parametrize("text", those(is_xml))
 def test_xml(text):
     """{id} is well-formed XML"""
     xml.fromstring(text.encode())
+
+
+# --- Blocks that nothing here runs -----------------------------------------------------------------
+
+# What a block can be that is not run here; `test: FILE` is run, or compared, by another test.
+CLASSES = {"test": "run, or compared with what is printed, by the test named",
+           "pattern": "a syntax, with words for what goes there",
+           "drawing": "a picture of bytes, threads or times",
+           "output": "what another program prints, or what depends on the machine",
+           "foreign": "for a program, a module or a machine that the tests do not have",
+           "long": "runs for minutes or hours"}
+
+
+def is_run(text):
+    return any(kind(text) for kind in (is_database, is_commands, is_plc, is_xml))
+
+
+def listed(block):
+    return [row for row in not_run() if row[0] == block.page and block.first.startswith(row[1])]
+
+
+def test_every_block():
+    """each block of the documents is run, or stands in blocks-not-run with a reason"""
+    missing = [f"{b.place}: {b.first}" for b in blocks() if not is_run(b.text) and not listed(b)]
+    assert not missing, "run it, or say in blocks-not-run why not:\n" + "\n".join(missing)
+
+
+@pytest.mark.parametrize("row", not_run(), ids=lambda row: f"{row[0]} {row[1]}")
+def test_not_run(row):
+    """blocks-not-run: {id} is a block that is not run here, with a class and a reason"""
+    assert len(row) == 4 and row[3], row
+    page, begins, kind, reason = row
+    assert kind in CLASSES, f"{kind}: allowed: {' '.join(CLASSES)}"
+    found = [b for b in blocks() if b.page == page and b.first.startswith(begins)]
+    assert found, "no such block: delete the line"
+    assert not all(is_run(b.text) for b in found), "it is run: delete the line"
+    if kind == "test":
+        text = (TOP / "tests" / reason).read_text()
+        name = page.rsplit("/", 1)[-1]
+        assert name in text or name.removesuffix(".md") in text, f"{reason} does not know {page}"
 
 
 # --- README: your own PLC in ten lines ---------------------------------------------------------

@@ -1,10 +1,13 @@
 """docs/tutorial.md: its files are taken out of it, and what it promises happens."""
+import os
 import re
+import subprocess
 import xml.etree.ElementTree as xml
 
 import pytest
 
 from client import TOP
+from docblocks import blocks
 from ioc import Ioc, errors_in
 
 TEXT = (TOP / "docs/tutorial.md").read_text()
@@ -37,7 +40,7 @@ def pump(tmp_path, new_sim, closing):
         ioc.start()
         ioc.wait_value("PLC:State", 3)
         return ioc
-    start.sim = sim
+    start.sim, start.folder = sim, folder
     return start
 
 
@@ -85,3 +88,36 @@ def test_display(pump):
     assert len(names) == 5
     for name in names:
         ioc.get(name.replace("$(P)", ""))
+
+
+def block(page, begins):
+    return next(b.text for b in blocks() if b.page == page and b.first.startswith(begins))
+
+
+def test_shell(pump, tmp_path):
+    """what the tutorial types into its third terminal works there, and a line of troubleshooting.md"""
+    ioc = pump()
+    ioc.wait_value("Speed.SEVR", 0)
+    for name in ("bin", "configure"):
+        (tmp_path / name).symlink_to(TOP / name)
+    (pump.folder / "plc.sock").symlink_to(pump.sim.path)
+    terminal = block("tutorial.md", "base=")
+    assert "cd pump" in block("tutorial.md", "mkdir pump")
+
+    def typed(text):
+        # the tests have addresses of their own, where the tutorial has those of its terminal
+        lines = [line for line in terminal.splitlines() if "EPICS_CA_ADDR_LIST" not in line]
+        ended = subprocess.run(["bash", "-ec", "\n".join(lines) + "\n" + text], cwd=pump.folder, env=os.environ,
+                               capture_output=True, text=True, timeout=60)
+        assert ended.returncode == 0, ended.stdout + ended.stderr
+        return ended.stdout
+
+    printed = typed(block("tutorial.md", "caput PUMP:Speed"))
+    assert re.search(r"^PUMP:Speed +1450$", printed, re.MULTILINE), printed
+    typed("command -v s7plcIoc plcSim")
+    typed(block("tutorial.md", "plcSim --connect plc.sock silence").splitlines()[0])
+    ioc.wait_value("Level.SEVR", 3)
+    printed = typed(block("troubleshooting.md", "caget PUMP:Level.SEVR"))
+    assert "INVALID" in printed and "COMM" in printed and "no block for 0.5 s" in printed, printed
+    typed("plcSim --connect plc.sock normal")
+    ioc.wait_value("Level.SEVR", 0)
