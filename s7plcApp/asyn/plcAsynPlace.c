@@ -31,7 +31,7 @@ static const struct {
     [plcAsynInt64] = {{"asynInt64", plcWhole, 8, ONE_VALUE, "INT16"}, 0},
     [plcAsynUInt32Digital] = {{"asynUInt32Digital", plcInteger, 4, ONE_BIT, "INT16"}, 0},
     [plcAsynFloat64] = {{"asynFloat64", NUMBERS, 8, ONE_VALUE, "INT16"}, 0},
-    [plcAsynOctet] = {{"asynOctet", plcText, 1, plcHasL | plcHasR, "STRING"}, 1},
+    [plcAsynOctet] = {{"asynOctet", plcText, 1, plcHasL | plcHasR | plcHasW, "STRING"}, 1},
     [plcAsynInt8Array] = {{"asynInt8Array", BYTES, 1, MANY_VALUES, "INT8"}, 1},
     [plcAsynInt16Array] = {{"asynInt16Array", plcInteger, 2, MANY_VALUES, "INT16"}, 2},
     [plcAsynInt32Array] = {{"asynInt32Array", plcInteger, 4, MANY_VALUES, "INT32"}, 4},
@@ -238,7 +238,7 @@ static int resolve(plcAsynView *view, plcLinkError *doubt, char *error, size_t s
 
     if (plcLinkComplete(&link, shape, blockSize(place), doubt))
         return fail(error, size, "%s", doubt->text);
-    if (faces[view->face].element)
+    if (faces[view->face].element && doubt->column == link.column.L)
         doubt->text[0] = 0; /* L= is a number of elements here */
     if (link.has & plcHasB & ~shape->options)
         return fail(error, size, "B= (one bit) does not fit %s", shape->recordType);
@@ -252,11 +252,18 @@ static int resolve(plcAsynView *view, plcLinkError *doubt, char *error, size_t s
     view->high = link.high;
     view->clips = (place->link.has & (plcHasL | plcHasH)) != 0;
     view->bit = place->link.has & plcHasB ? (int)link.bit : -1;
-    view->order = plcLinkOrder(&link, plcStationOrder(place->station));
+    view->order = plcLinkOrder(&link, plcStationOrder(place->station),
+                               plcStationTextOrder(place->station));
+    if (view->face != plcAsynOctet && link.type->kind & plcText)
+        view->order = plcTextABCD; /* an array has the bytes as they are */
     if (link.type->kind == plcS7String) /* as long as the PLC has it */
-        view->length = (size_t)link.low + PLC_S7STRING_HEAD;
+        view->length =
+            plcTextBytes(view->order, (size_t)link.low + PLC_S7STRING_HEAD);
     else if (faces[view->face].element && measureArray(view, &place->link, error, size))
         return -1;
+    if (view->face == plcAsynOctet &&
+        plcLinkTextLength(&link, view->order, &view->length, doubt))
+        return fail(error, size, "%s", doubt->text);
     if (checkPlace(view->offset, view->length ? view->length : view->type->size, blockSize(place),
                    place->output ? "out" : "in", error, size))
         return -1;
@@ -335,12 +342,8 @@ double plcAsynGetReal(const plcAsynView *view, const void *bytes)
 size_t plcAsynGetText(const plcAsynView *view, const void *bytes, size_t length,
                       char *text, size_t size)
 {
-    size_t count;
-    const char *from = plcGetText(view->type, bytes, length, &count);
+    size_t count = plcGetText(view->type, bytes, length, view->order, text, size);
 
-    if (count > size)
-        count = size;
-    memcpy(text, from, count);
     if (count < size)
         text[count] = 0;
     return count;
@@ -417,7 +420,7 @@ int plcAsynPutReal(const plcAsynView *view, double value, void *bytes, char *err
 
 void plcAsynPutText(const plcAsynView *view, const char *text, size_t length, void *bytes)
 {
-    plcPutText(view->type, bytes, view->length, text, length);
+    plcPutText(view->type, bytes, view->length, view->order, text, length);
 }
 
 void plcAsynPutArray(const plcAsynView *view, const void *values, void *bytes, size_t n)

@@ -33,21 +33,30 @@ static void number(const plcType *type, const epicsUInt8 *bytes, int order)
     fuzzCheck(memcmp(back, bytes, type->size) == 0);
 }
 
-static void text(const plcType *type, const epicsUInt8 *bytes, size_t size)
+static void text(const plcType *type, const epicsUInt8 *bytes, size_t size, int order)
 {
-    size_t chars = 0, again = 0, head = type->kind == plcS7String ? PLC_S7STRING_HEAD : 0;
-    const epicsUInt8 *at = (const epicsUInt8 *)plcGetText(type, bytes, size, &chars);
+    size_t head = plcTextBytes(order, type->kind == plcS7String ? PLC_S7STRING_HEAD : 0);
+    size_t chars, again;
+    char *at = malloc(size + 1), *twice = malloc(size + 1);
     epicsUInt8 *back = malloc(size + 1);
 
-    fuzzCheck(chars <= size);
-    fuzzCheck(chars == 0 || (at >= bytes && at + chars <= bytes + size));
-    fuzzCheck(chars == 0 || !memchr(at, 0, chars));
-    if (size > head && size <= head + PLC_S7STRING_MAX) {
-        plcPutText(type, back, size, (const char *)at, chars);
-        fuzzCheck(memcmp(plcGetText(type, back, size, &again), at, chars) == 0);
-        fuzzCheck(again == chars);
+    size -= size % plcTextUnit(order);
+    if (size >= head) {
+        chars = plcGetText(type, bytes, size, order, at, size);
+        fuzzCheck(chars <= size);
+        fuzzCheck(chars == 0 || !memchr(at, 0, chars));
+        if (size > head && size <= plcTextBytes(order, PLC_S7STRING_HEAD + PLC_S7STRING_MAX)) {
+            plcPutText(type, back, size, order, at, chars);
+            again = plcGetText(type, back, size, order, twice, size);
+            fuzzCheck(again == chars && memcmp(twice, at, chars) == 0);
+        }
+        plcTextFromBytes(at, bytes, size, order);
+        plcTextToBytes(back, at, size, order);
+        fuzzCheck(order >= plcTextA0 || memcmp(back, bytes, size) == 0);
     }
     free(back);
+    free(twice);
+    free(at);
 }
 
 static void clocks(const epicsUInt8 *bytes, size_t size)
@@ -71,8 +80,8 @@ int fuzzCodec(const epicsUInt8 *data, size_t size)
         for (order = 0; order < 4 && !(type->kind & plcText); order++)
             if (size >= type->size)
                 number(type, data, order);
-        if (type->kind & plcText && size >= PLC_S7STRING_HEAD)
-            text(type, data, size);
+        for (order = plcTextABCD; order <= plcText0A && type->kind & plcText; order++)
+            text(type, data, size, order);
     }
     plcBcdDecode(bcd, data, size);
     plcBcdEncode(again, bcd, size);

@@ -38,7 +38,9 @@ static void print(const plcLink *link, char *text, size_t size)
     if (link->has & plcHasR)
         n += (size_t)epicsSnprintf(text + n, size - n, " R=%llu",
                                    (unsigned long long)link->readback);
-    if (link->has & plcHasW)
+    if (link->has & plcHasW && link->highWordFirst < 0)
+        n += (size_t)epicsSnprintf(text + n, size - n, " W=%s", plcTextOrderName(link->textOrder));
+    else if (link->has & plcHasW)
         n += (size_t)epicsSnprintf(text + n, size - n, " W=%s",
                                    words[link->wordBigEndian + 1][link->highWordFirst]);
     fuzzCheck(n < size);
@@ -50,7 +52,7 @@ static void checkSame(const plcLink *a, const plcLink *b)
     fuzzCheck(a->has == b->has && a->type == b->type && a->offset == b->offset);
     fuzzCheck(a->low == b->low && a->high == b->high && a->bit == b->bit);
     fuzzCheck(a->readback == b->readback && a->highWordFirst == b->highWordFirst);
-    fuzzCheck(a->wordBigEndian == b->wordBigEndian);
+    fuzzCheck(a->wordBigEndian == b->wordBigEndian && a->textOrder == b->textOrder);
 }
 
 static void complete(const plcLink *parsed, const plcShape *shape, size_t length)
@@ -65,8 +67,14 @@ static void complete(const plcLink *parsed, const plcShape *shape, size_t length
     }
     fuzzCheck(link.type && link.type->kind & shape->kinds);
     fuzzCheck(!(link.has & shape->options & plcHasB) || link.bit < 8 * link.type->size);
-    for (order = 0; order < 4; order++)
-        fuzzCheck((plcLinkOrder(&link, order) & ~3) == 0);
+    for (order = 0; order < 4; order++) {
+        int found = plcLinkOrder(&link, order, order);
+        size_t bytes = length;
+
+        fuzzCheck(found >= 0 && found <= (link.type->kind & plcText ? plcText0A : 3));
+        if (link.type->kind & plcText && plcLinkTextLength(&link, found, &bytes, &error) == 0)
+            fuzzCheck(bytes && bytes <= length && bytes % plcTextUnit(found) == 0);
+    }
 }
 
 int fuzzLink(const epicsUInt8 *data, size_t size)

@@ -65,6 +65,8 @@ INPUTS = [
     # asyn's strings have the block's time only with a FIFO
     ("string", "stringin", "24 T=STRING L=8", "asynOctetRead", dict(info_asyn_FIFO="2")),
     ("s7string", "stringin", "32 T=S7STRING L=6", "asynOctetRead", dict(info_asyn_FIFO="2")),
+    *((f"string{order}", "stringin", f"24 T=STRING L=8 W={order}", "asynOctetRead",
+       dict(info_asyn_FIFO="2")) for order in ("BADC", "CDAB", "DCBA", "A0", "0A")),
     ("chars", "waveform", "24 T=STRING L=8", "asynInt8ArrayIn", dict(FTVL="CHAR", NELM="8")),
     ("bcd", "waveform", "2 T=TIME", "asynInt8ArrayIn", dict(FTVL="UCHAR", NELM="2")),
     ("array8", "waveform", "0 T=INT8", "asynInt8ArrayIn", dict(FTVL="CHAR", NELM="16")),
@@ -147,6 +149,12 @@ OUTPUTS = [  # name, record type, link text, asyn DTYP, fields, value, bytes at 
     ("round", "ao", "32 T=INT16 H=100", "asynFloat64", dict(), 99.6, "0064"),
     ("clip", "ao", "34 T=INT16 H=100", "asynFloat64", dict(), 1e6, "0064"),
     ("string", "stringout", "36 T=STRING L=6", "asynOctetWrite", dict(), "hello", "68656c6c6f00"),
+    ("stringBADC", "stringout", "104 T=STRING L=6 W=BADC", "asynOctetWrite", dict(), "hello",
+     "65686c6c006f"),
+    ("stringDCBA", "stringout", "112 T=STRING L=8 W=DCBA", "asynOctetWrite", dict(), "hello",
+     "6c6c65680000006f"),
+    ("stringA0", "stringout", "120 T=STRING L=6 W=A0", "asynOctetWrite", dict(), "abc",
+     "610062006300"),
     ("s7string", "stringout", "88 T=S7STRING L=6", "asynOctetWrite", dict(), "bread",
      "0605627265616400"),
     ("array8", "aao", "44", "asynInt8ArrayOut", dict(FTVL="CHAR", NELM="3"), [1, 2, -3], "0102fd"),
@@ -178,11 +186,11 @@ def output_records(suffix="", **more):
 
 def test_outputs(new_peer, new_asyn):
     """every interface writes its bytes and no others"""
-    peer = new_peer(16, 96)
+    peer = new_peer(16, 128)
     ioc = new_asyn(peer.configure(recv_timeout=60000, send_interval=20), output_records())
     peer.wait_connected()
     peer.send(bytes(16))
-    wanted = bytearray(96)
+    wanted = bytearray(128)
     until(lambda: "connected" in ioc.command("asynReport 0 A"), "connected")
     for name, _, link, _, _, value, held in OUTPUTS:
         ioc.put(name, value)
@@ -242,6 +250,8 @@ BAD = [  # what is wrong, drvInfo, record type, DTYP, the message
      "L=255: an S7STRING has 1 to 254 characters"),
     ("an S7STRING beyond the block", "0 T=S7STRING L=15", "stringin", "asynOctetRead",
      "0 + 17 bytes exceed the input block; inSize is 16"),
+    ("half a register", "0 T=STRING L=5 W=BADC", "stringin", "asynOctetRead",
+     "L=5: in this order a text has a multiple of 2 bytes; allowed: such as L=6"),
     ("a string without characters", "0 T=STRING L=0", "stringin", "asynOctetRead",
      "L=0; allowed for asynOctet: 1 element or more"),
     ("an array without room for one element", "15", "waveform", "asynInt16ArrayIn",

@@ -106,6 +106,7 @@ static const struct {
     {"BCD16",  plcDigits,   2, 0,           9999        },
     {"BCD32",  plcDigits,   4, 0,           99999999    },
     {"SM16",   plcMagnitude, 2, -32767,     32767       },
+    {"SBCD16", plcSignedDigits, 2, -7999,       7999        },
 };
 
 static void testTypes(void)
@@ -144,7 +145,7 @@ static const struct {
     {"signed in 1 character",         plcSigned,            8, 1,   ""                       },
     {"everything",                    ~0u,                  8, 110,
      "INT8 UINT8 INT16 UINT16 INT32 UINT32 INT64 UINT64 REAL32 REAL64 STRING TIME S7STRING "
-     "BCD16 BCD32 SM16"  },
+     "BCD16 BCD32 SM16 SBCD16"  },
 };
 
 static void testLists(void)
@@ -201,6 +202,10 @@ static const struct {
     {"SM16",   {0x80, 0x05},                                     -5                   },
     {"SM16",   {0x7F, 0xFF},                                     32767                },
     {"SM16",   {0xFF, 0xFF},                                     -32767               },
+    {"SBCD16", {0x12, 0x34},                                     1234                 },
+    {"SBCD16", {0x92, 0x34},                                     -1234                },
+    {"SBCD16", {0x79, 0x99},                                     7999                 },
+    {"SBCD16", {0xF9, 0x99},                                     -7999                },
 };
 
 static const struct {
@@ -289,6 +294,8 @@ static const struct {
     {"BCD32",  1234567890,   99999999     },
     {"SM16",   40000,        32767        },
     {"SM16",   -32768,       -32767       },
+    {"SBCD16", 8000,         7999         },
+    {"SBCD16", -8000,        -7999        },
 };
 
 static void testOverflows(void)
@@ -546,25 +553,86 @@ static const struct {
     {"S7STRING of nothing", "S7STRING", 4, "", "\2\0\0\0#"},
 };
 
+/* The same texts in each order; the other way the bytes are made of the text. */
+static const struct {
+    const char *title, *type;
+    int order;
+    size_t length;
+    const char *bytes, *text;
+} ordered[] = {
+    {"ABCD", "STRING", plcTextABCD, 8, "ABCDEFGH", "ABCDEFGH"},
+    {"BADC", "STRING", plcTextBADC, 8, "BADCFEHG", "ABCDEFGH"},
+    {"CDAB", "STRING", plcTextCDAB, 8, "CDABGHEF", "ABCDEFGH"},
+    {"DCBA", "STRING", plcTextDCBA, 8, "DCBAHGFE", "ABCDEFGH"},
+    {"A0", "STRING", plcTextA0, 8, "A\0B\0C\0D\0", "ABCD"},
+    {"0A", "STRING", plcText0A, 8, "\0A\0B\0C\0D", "ABCD"},
+    {"BADC that ends within a register", "STRING", plcTextBADC, 6, "BA\0C\0\0", "ABC"},
+    {"CDAB that ends within its first word", "STRING", plcTextCDAB, 8, "\0\0A\0\0\0\0\0", "A"},
+    {"DCBA that ends within its words", "STRING", plcTextDCBA, 8, "DCBA\0\0\0E", "ABCDE"},
+    {"A0 that ends", "STRING", plcTextA0, 6, "A\0B\0\0\0", "AB"},
+    {"0A that is empty", "STRING", plcText0A, 4, "\0\0\0\0", ""},
+    {"S7STRING in BADC, with its head", "S7STRING", plcTextBADC, 6, "\2\4BA\0\0", "AB"},
+    {"S7STRING in CDAB", "S7STRING", plcTextCDAB, 8, "AB\6\3\0\0C\0", "ABC"},
+    {"S7STRING in DCBA", "S7STRING", plcTextDCBA, 8, "BA\3\6\0\0\0C", "ABC"},
+    {"S7STRING in 0A: a WSTRING", "S7STRING", plcText0A, 10, "\0\3\0\2\0A\0B\0\0", "AB"},
+};
+
 static void testTexts(void)
 {
+    char text[20], bytes[20];
     size_t i, chars;
 
     for (i = 0; i < sizeof(texts) / sizeof(texts[0]); i++) {
-        const char *text = plcGetText(find(texts[i].type), texts[i].bytes,
-                                      texts[i].length, &chars);
-
+        chars = plcGetText(find(texts[i].type), texts[i].bytes, texts[i].length, plcTextABCD, text,
+                           sizeof(text));
         testOk(chars == strlen(texts[i].text) && memcmp(text, texts[i].text, chars) == 0,
                "%s: \"%.*s\"", texts[i].title, (int)chars, text);
     }
     for (i = 0; i < sizeof(written) / sizeof(written[0]); i++) {
-        char bytes[20];
-
         memset(bytes, '#', sizeof(bytes));
-        plcPutText(find(written[i].type), bytes, written[i].length, written[i].text,
+        plcPutText(find(written[i].type), bytes, written[i].length, plcTextABCD, written[i].text,
                    strlen(written[i].text));
         testOk(memcmp(bytes, written[i].bytes, written[i].length + 1) == 0,
                "%s, nothing behind it is touched", written[i].title);
+    }
+}
+
+static void testTextOrders(void)
+{
+    char text[20], bytes[20], all[20], back[20];
+    size_t i, chars, length;
+    int order;
+
+    for (i = 0; i < sizeof(ordered) / sizeof(ordered[0]); i++) {
+        const plcType *type = find(ordered[i].type);
+
+        order = ordered[i].order;
+        length = ordered[i].length;
+        memset(text, '#', sizeof(text));
+        chars = plcGetText(type, ordered[i].bytes, length, order, text, sizeof(text));
+        testOk(chars == strlen(ordered[i].text) && memcmp(text, ordered[i].text, chars) == 0 &&
+                   text[chars] != 'Z',
+               "%s: \"%.*s\"", ordered[i].title, (int)chars, text);
+        memset(bytes, '#', sizeof(bytes));
+        plcPutText(type, bytes, length, order, text, chars);
+        testOk(memcmp(bytes, ordered[i].bytes, length) == 0 && bytes[length] == '#',
+               "%s: the bytes are made", ordered[i].title);
+        chars = plcGetText(type, ordered[i].bytes, length, order, text, 1);
+        testOk(chars == (ordered[i].text[0] != 0) && (!chars || text[0] == ordered[i].text[0]),
+               "%s: not more than there is room for", ordered[i].title);
+    }
+    for (order = plcTextABCD; order <= plcText0A; order++) {
+        length = plcTextBytes(order, 8);
+        for (i = 0; i < sizeof(all); i++)
+            all[i] = (char)('a' + i % 3);
+        all[3] = 0;
+        memset(bytes, '#', sizeof(bytes));
+        memset(back, '#', sizeof(back));
+        plcTextToBytes(bytes, all, length, order);
+        plcTextFromBytes(back, bytes, length, order);
+        testOk(length % plcTextUnit(order) == 0 && memcmp(all, back, 8) == 0 && back[8] == '#' &&
+                   bytes[length] == '#',
+               "W=%s: all of %u bytes there and back", plcTextOrderName(order), (unsigned)length);
     }
 }
 
@@ -572,8 +640,9 @@ MAIN(codecTest)
 {
     int order;
 
-    testPlan(48 + 1 + 34 + 9 + 15 + 4 * 33 + 4 * 9 + 11 + 5 + 2 * 9 +
-             4 * 3 * (int)WORD_ORDERS + 2 + 14);
+    testPlan(48 + 1 + 36 + 9 + 15 + 4 * 37 + 4 * 9 + 13 + 5 + 2 * 9 +
+             4 * 3 * (int)WORD_ORDERS + 2 + 14 +
+             3 * (int)(sizeof(ordered) / sizeof(ordered[0])) + 6);
     testDiag("Names");
     testNames();
     testDiag("Table");
@@ -596,5 +665,6 @@ MAIN(codecTest)
     testBcd();
     testDiag("Texts");
     testTexts();
+    testTextOrders();
     return testDone();
 }

@@ -9,6 +9,8 @@
 
 #include "plcLink.h"
 
+#define TEXTS "ABCD CDAB BADC DCBA A0 0A" /* W= of texts */
+
 #define COUNT(table) (sizeof(table) / sizeof(table[0]))
 
 /* --- The text ----------------------------------------------------------------------- */
@@ -162,6 +164,9 @@ static const struct {
     {"W=cdab",           plcHasW,           0, 0},
     {"W=BADC",           plcHasW,           1, 0},
     {"W=DCBA",           plcHasW,           0, 0},
+    {"W=A0",             plcHasW,           -1, 0},
+    {"w=0a",             plcHasW,           -1, 0},
+    {"W=0AL=5",          plcHasW | plcHasL, -1, 5},
 };
 
 static void testWords(void)
@@ -212,7 +217,7 @@ static void testLetters(void)
 
             epicsSnprintf(text, sizeof(text), "@PLC/4 %s", letters[i].options);
             testOk(plcLinkParse(text, &link, &error) == 0 &&
-                       plcGetInt(link.type, letters[i].bytes, plcLinkOrder(&link, big)) ==
+                       plcGetInt(link.type, letters[i].bytes, plcLinkOrder(&link, big, 0)) ==
                            letters[i].value,
                    "%s, bigEndian %d", letters[i].options, big);
         }
@@ -344,9 +349,17 @@ static const struct {
     {"@PLC/4 T=DINT", 9, "T=DINT is no data type; allowed: T=INT32, a DINT of the PLC"},
     {"@PLC/4 T=INT32_BE", 9,
      "T=INT32_BE is no data type; allowed: T=INT32 W=ABCD, the same in asyn's modbus"},
+    {"@PLC/4 T=float64_le_bs", 9,
+     "T=float64_le_bs is no data type; allowed: T=REAL64 W=DCBA, the same in asyn's modbus"},
+    {"@PLC/4 T=BCD_SIGNED", 9,
+     "T=BCD_SIGNED is no data type; allowed: T=SBCD16, the same in asyn's modbus"},
+    {"@PLC/4 T=ZSTRING_LOW_HIGH", 9,
+     "T=ZSTRING_LOW_HIGH is no data type; allowed: T=STRING W=BADC, the same in asyn's modbus"},
+    {"@PLC/4 T=INT32_", 9, ""},
+    {"@PLC/4 T=INT16_LE", 9, ""},
     {"@PLC/4 T=FLOT",                                               9,
      "T=FLOT is no data type; allowed: INT8 UINT8 INT16 UINT16 INT32 UINT32 INT64 UINT64 "
-     "REAL32 REAL64 STRING TIME S7STRING BCD16 BCD32 SM16"                                                                                                      },
+     "REAL32 REAL64 STRING TIME S7STRING BCD16 BCD32 SM16 SBCD16"                                                                                                      },
     {"@PLC/4 T=INT16X",                                             9,  ""                                                            },
     {"@PLC/4 T=INT1",                                               9,  ""                                                            },
     {"@PLC/4 T=INT",                                                9,  ""                                                            },
@@ -390,13 +403,13 @@ static const struct {
     {"@PLC/4 B=1.2",                                                10, "B=1.2 is no whole number"                                    },
     {"@PLC/4 B=0x1B=1",                                             13, ""                                                            },
     {"@PLC/4 R=",                                                   9,  "R= \"\" is no number; allowed: such as 20 or 20+2"           },
-    {"@PLC/4 W=",                                                   9,  "W= has no value; allowed: W=high low ABCD CDAB BADC DCBA"                      },
-    {"@PLC/4 W= high",                                              9,  "W= has no value; allowed: W=high low ABCD CDAB BADC DCBA"                      },
-    {"@PLC/4 W=''",                                                 9,  "W= has no value; allowed: W=high low ABCD CDAB BADC DCBA"                      },
-    {"@PLC/4 W=hi",                                                 9,  "W=hi is no word order; allowed: W=high low ABCD CDAB BADC DCBA"                },
-    {"@PLC/4 W=lower",                                              9,  "W=lower is no word order; allowed: W=high low ABCD CDAB BADC DCBA"             },
-    {"@PLC/4 W=1",                                                  9,  "W=1 is no word order; allowed: W=high low ABCD CDAB BADC DCBA"                 },
-    {"@PLC/4 T=FLOAT W=low=",                                       17, "W=low= is no word order; allowed: W=high low ABCD CDAB BADC DCBA"              },
+    {"@PLC/4 W=",                                                   9,  "W= has no value; allowed: W=high low ABCD CDAB BADC DCBA, for texts " TEXTS},
+    {"@PLC/4 W= high",                                              9,  "W= has no value; allowed: W=high low ABCD CDAB BADC DCBA, for texts " TEXTS},
+    {"@PLC/4 W=''",                                                 9,  "W= has no value; allowed: W=high low ABCD CDAB BADC DCBA, for texts " TEXTS},
+    {"@PLC/4 W=hi",                                                 9,  "W=hi is no word order; allowed: W=high low ABCD CDAB BADC DCBA, for texts " TEXTS},
+    {"@PLC/4 W=lower",                                              9,  "W=lower is no word order; allowed: W=high low ABCD CDAB BADC DCBA, for texts " TEXTS},
+    {"@PLC/4 W=1",                                                  9,  "W=1 is no word order; allowed: W=high low ABCD CDAB BADC DCBA, for texts " TEXTS},
+    {"@PLC/4 T=FLOAT W=low=",                                       17, "W=low= is no word order; allowed: W=high low ABCD CDAB BADC DCBA, for texts " TEXTS},
     {"@PLC/4 R=-1",                                                 9,  "R= -1 is negative; allowed: 0 and more"                      },
     {"@PLC/4 R=4-2",                                                10, "R= \"4-2\": only sums such as 4+2 are allowed"               },
     {"@PLC/4 R=x",                                                  9,  ""                                                            },
@@ -469,7 +482,7 @@ static const plcShape ao = {"ao", plcInteger | plcReal, 4, LHW | plcHasR, "INT16
 static const plcShape bi = {"bi", plcInteger, 8, plcHasB, "INT16"};
 static const plcShape longin = {"longin", plcInteger, 4, 0, "INT16"};
 static const plcShape int64in = {"int64in", plcInteger, 8, LH, "INT16"};
-static const plcShape stringin = {"stringin", plcText, 8, plcHasL, "STRING"};
+static const plcShape stringin = {"stringin", plcText, 8, plcHasL | plcHasW, "STRING"};
 static const plcShape aao = {"aao", plcInteger, 2, plcHasL | plcHasR, "INT8"};
 static const plcShape chars = {"waveform", plcInteger | plcString | plcBcd, 1, 0,
                                "UINT8"};
@@ -510,7 +523,7 @@ static const struct {
     {&ai,       0,  "T=BYTE W=high",              "UINT8",  0,                      255,
      "W= has no effect on UINT8: only types of 4 and 8 bytes have an order of words"                         },
     {&stringin, 40, "W=high",                     "STRING", 40,                     0,
-     "W= has no effect on STRING: only types of 4 and 8 bytes have an order of words"                        },
+     "W=high and W=low have no effect on STRING: the order of a text is W=" TEXTS                             },
     {&chars,    8,  "T=TIME W=high",              "TIME",   0,                      0,
      "W= has no effect on TIME: only types of 4 and 8 bytes have an order of words"                          },
     {&ai,       0,  "L=-40000 H=100 W=low",       "INT16",  -40000,                 100,
@@ -599,10 +612,56 @@ static void testOrders(void)
 
         complete(&ai, 0, orderRows[i].options, &link, &error);
         for (order = 0;
-             order < 4 && plcLinkOrder(&link, order) == orderRows[i].orders[order];
+             order < 4 && plcLinkOrder(&link, order, 5 - order) == orderRows[i].orders[order];
              order++)
             ;
         testOk(order == 4, "the order with \"%s\"", orderRows[i].options);
+    }
+}
+
+/* Texts: the order where the PLC has this one, and how much of a length counts. */
+static const struct {
+    const char *options;
+    int ofPlc, order;
+    size_t length, left; /* 0: refused */
+    const char *message;
+} textRows[] = {
+    {"T=STRING", plcTextABCD, plcTextABCD, 5, 5, ""},
+    {"T=STRING", plcTextBADC, plcTextBADC, 5, 4, ""},
+    {"T=STRING W=ABCD", plcTextBADC, plcTextABCD, 5, 5, ""},
+    {"T=STRING W=BADC", plcTextABCD, plcTextBADC, 40, 40, ""},
+    {"T=STRING W=CDAB", plcTextABCD, plcTextCDAB, 41, 40, ""},
+    {"T=STRING W=DCBA", plcTextABCD, plcTextDCBA, 41, 40, ""},
+    {"T=STRING W=A0", plcTextABCD, plcTextA0, 80, 80, ""},
+    {"T=STRING W=0A", plcTextABCD, plcText0A, 81, 80, ""},
+    {"T=STRING W=low", plcTextBADC, plcTextBADC, 8, 8,
+     "W=high and W=low have no effect on STRING: the order of a text is W=" TEXTS},
+    {"T=STRING L=5 W=BADC", plcTextABCD, plcTextBADC, 5, 0,
+     "L=5: in this order a text has a multiple of 2 bytes; allowed: such as L=6"},
+    {"T=STRING L=6 W=DCBA", plcTextABCD, plcTextDCBA, 6, 0,
+     "L=6: in this order a text has a multiple of 4 bytes; allowed: such as L=8"},
+    {"T=S7STRING L=5", plcTextBADC, plcTextBADC, 7, 0,
+     "L=5: in this order a text has a multiple of 2 bytes with its head; allowed: such as L=6"},
+    {"T=STRING W=CDAB", plcTextABCD, plcTextCDAB, 3, 0,
+     "no room for a text of 4 bytes, the least in this order"},
+};
+
+static void testTextOrders(void)
+{
+    size_t i;
+
+    for (i = 0; i < COUNT(textRows); i++) {
+        plcLink link;
+        plcLinkError error;
+        int status = complete(&stringin, 40, textRows[i].options, &link, &error);
+        size_t length = textRows[i].length;
+        int refused = plcLinkTextLength(&link, textRows[i].order, &length, &error);
+
+        testOk(status == 0 && plcLinkOrder(&link, 3, textRows[i].ofPlc) == textRows[i].order &&
+                   (textRows[i].left ? !refused && length == textRows[i].left : refused) &&
+                   strcmp(error.text, textRows[i].message) == 0,
+               "a text with \"%s\" of %u bytes: %u %s", textRows[i].options,
+               (unsigned)textRows[i].length, (unsigned)length, error.text);
     }
 }
 
@@ -617,6 +676,8 @@ static const struct {
     {&ai,       0,  "T=STRING",              7,
      "T=STRING does not fit ai; allowed: INT8 UINT8 INT16 UINT16 INT32 UINT32 REAL32 "
      "REAL64"                                                                                         },
+    {&ai,       0,  "T=INT32 W=A0",          15,
+     "W=A0 and W=0A are for texts, not INT32; allowed: W=high low ABCD CDAB BADC DCBA"},
     {&ai,       0,  "T=TIME",                7,  ""                                                   },
     {&ai,       0,  "T=INT64",               7,  ""                                                   },
     {&ai,       0,  "L=1 T=QWORD",           11, ""                                                   },
@@ -771,7 +832,7 @@ static void testNoise(void)
 MAIN(linkTest)
 {
     testPlan(2 * COUNT(letters) + COUNT(places) + COUNT(optionRows) + COUNT(wordRows) + 5 + COUNT(doubts) + 3 +
-             COUNT(refusals) + 2 + COUNT(completions) + COUNT(misfits) +
+             COUNT(refusals) + 2 + COUNT(completions) + COUNT(misfits) + COUNT(textRows) +
              COUNT(orderRows) + 4);
     testDiag("Place and type");
     testPlaces();
@@ -789,6 +850,7 @@ MAIN(linkTest)
     testCompletions();
     testMisfits();
     testOrders();
+    testTextOrders();
     testDiag("Noise");
     testNoise();
     return testDone();

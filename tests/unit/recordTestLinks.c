@@ -22,13 +22,13 @@ static const struct {
 } refused[] = {
     {"a type that does not exist", "ai", "INP=@P/8 T=FLOT",
      "S7plc ai \"%s\" INP: T=FLOT is no data type; allowed: INT8 UINT8 INT16 UINT16 INT32 "
-     "UINT32 INT64 UINT64 REAL32 REAL64 STRING TIME S7STRING BCD16 BCD32 SM16\n"
+     "UINT32 INT64 UINT64 REAL32 REAL64 STRING TIME S7STRING BCD16 BCD32 SM16 SBCD16\n"
      "    @P/8 T=FLOT\n"
      "           ^\n",
      "T=FLOT is no data type"},
     {"a type that the record cannot hold", "longin", "INP=@P/8 T=INT64",
      "S7plc longin \"%s\" INP: T=INT64 does not fit longin; allowed: INT8 UINT8 INT16 UINT16 "
-     "INT32 UINT32 BCD16 BCD32 SM16\n"
+     "INT32 UINT32 BCD16 BCD32 SM16 SBCD16\n"
      "    @P/8 T=INT64\n"
      "         ^\n",
      "T=INT64 does not fit longin"},
@@ -117,7 +117,7 @@ static const struct {
      "INP=@P/0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0 "
      "T=NO",
      "S7plc ai \"%s\" INP: T=NO is no data type; allowed: INT8 UINT8 INT16 UINT16 INT32 "
-     "UINT32 INT64 UINT64 REAL32 REAL64 STRING TIME S7STRING BCD16 BCD32 SM16\n"
+     "UINT32 INT64 UINT64 REAL32 REAL64 STRING TIME S7STRING BCD16 BCD32 SM16 SBCD16\n"
      "    ...0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0+0 T=NO\n"
      "                                               ^\n",
      "T=NO is no data type"},

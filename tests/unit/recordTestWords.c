@@ -158,8 +158,8 @@ static const struct {
      "S7plc bi \"link1\" warning: INP: W= has no effect on UINT8: only types of 4 and 8 bytes "
      "have an order of words\n"},
     {"stringout", "OUT=@L/40 L=8 W=high",
-     "S7plc stringout \"link2\" warning: OUT: W= has no effect on STRING: only types of 4 and "
-     "8 bytes have an order of words\n"},
+     "S7plc stringout \"link2\" warning: OUT: W=high and W=low have no effect on STRING: the order "
+     "of a text is W=ABCD CDAB BADC DCBA A0 0A\n"},
     {"waveform", "INP=@L/0 T=TIME W=low|FTVL=UCHAR|NELM=8",
      "S7plc waveform \"link3\" warning: INP: W= has no effect on TIME: only types of 4 and 8 "
      "bytes have an order of words\n"},
@@ -167,11 +167,13 @@ static const struct {
      "S7plc aao \"link4\" warning: OUT: W= has no effect on INT16: only types of 4 and 8 bytes "
      "have an order of words\n"},
     {"ai", "INP=@L/0 T=INT32 W=LSW",
-     "S7plc ai \"link5\" INP: W=LSW is no word order; allowed: W=high low ABCD CDAB BADC DCBA\n"
+     "S7plc ai \"link5\" INP: W=LSW is no word order; allowed: W=high low ABCD CDAB BADC DCBA, for "
+     "texts ABCD CDAB BADC DCBA A0 0A\n"
      "    @L/0 T=INT32 W=LSW\n"
      "                   ^\n"},
     {"ai", "INP=@L/0 T=INT32 W=",
-     "S7plc ai \"link6\" INP: W= has no value; allowed: W=high low ABCD CDAB BADC DCBA\n"
+     "S7plc ai \"link6\" INP: W= has no value; allowed: W=high low ABCD CDAB BADC DCBA, for "
+     "texts ABCD CDAB BADC DCBA A0 0A\n"
      "    @L/0 T=INT32 W=\n"
      "                   ^\n"},
     {"ai", "INP=@L/0 T=FLOAT W=high W=low",

@@ -101,20 +101,26 @@ static int checkPlace(size_t offset, size_t length, size_t size, const char *blo
 }
 
 /* The bytes of a string: not more than the record has room for. An S7STRING is as long as
- * the PLC has it, whatever the record holds of it. */
-static size_t stringLength(dbCommon *prec, const plcLink *link, size_t room)
+ * the PLC has it, whatever the record holds of it. Returns 0 or -1. */
+static int stringLength(dbCommon *prec, devRecord *dev, const plcLink *link, size_t room,
+                        plcLinkError *error)
 {
+    size_t bytes = plcTextBytes(dev->order, room);
+
     if (link->type->kind == plcS7String) {
         if (link->has & plcHasL && link->low > (epicsInt64)room)
             devWarn(prec, "the record holds %lu of the %lld characters",
                     (unsigned long)room, (long long)link->low);
-        return (size_t)link->low + PLC_S7STRING_HEAD;
+        dev->length = plcTextBytes(dev->order, (size_t)link->low + PLC_S7STRING_HEAD);
+    } else if (link->has & plcHasL && link->low > (epicsInt64)bytes) {
+        bytes -= bytes % plcTextUnit(dev->order);
+        devWarn(prec, "L=%lld is more than the record holds: reduced to %lu",
+                (long long)link->low, (unsigned long)bytes);
+        dev->length = bytes;
+    } else {
+        dev->length = link->has & plcHasL ? (size_t)link->low : bytes;
     }
-    if (link->low <= (epicsInt64)room)
-        return (size_t)link->low;
-    devWarn(prec, "L=%lld is more than the record holds: reduced to %lu",
-            (long long)link->low, (unsigned long)room);
-    return room;
+    return plcLinkTextLength(link, dev->order, &dev->length, error);
 }
 
 /* Where the PLC shows this output: R=, or the station's mirror of the whole block. */
@@ -156,10 +162,12 @@ static int place(dbCommon *prec, devRecord *dev, const plcLink *link, size_t roo
     dev->image = out ? plcStationOutput(dev->station) : plcStationInput(dev->station);
     dev->faults = out ? plcStationOutFaults(dev->station) : plcStationInFaults(dev->station);
     dev->type = link->type;
-    dev->order = plcLinkOrder(link, plcStationOrder(dev->station));
+    dev->order = plcLinkOrder(link, plcStationOrder(dev->station),
+                              plcStationTextOrder(dev->station));
     dev->offset = link->offset;
-    dev->length =
-        link->type->kind & plcText ? stringLength(prec, link, room) : link->type->size;
+    dev->length = link->type->size;
+    if (link->type->kind & plcText && stringLength(prec, dev, link, room, error))
+        return -1;
     dev->has = link->has;
     dev->readback = link->readback;
     dev->low = link->low;

@@ -97,19 +97,17 @@ static int prepareArray(devRecord *dev, size_t nelm, epicsUInt32 *nord)
 static epicsUInt32 toArray(const devRecord *dev, const epicsUInt8 *bytes, void *array,
                            size_t nelm)
 {
-    const char *text;
     size_t chars;
 
     if (dev->type->kind == plcS7String) {
-        text = plcGetText(dev->type, bytes, dev->length, &chars);
-        if (chars > nelm)
-            chars = nelm;
-        memcpy(array, text, chars);
+        chars = plcGetText(dev->type, bytes, dev->length, dev->order, array, nelm);
         memset((char *)array + chars, 0, nelm - chars);
         return (epicsUInt32)chars;
     }
     if (dev->type->kind == plcBcd)
         plcBcdDecode(array, bytes, dev->length);
+    else if (dev->type->kind == plcString)
+        plcTextFromBytes(array, bytes, dev->length, dev->order);
     else
         plcCopyElements(array, bytes, dev->type->size, dev->length / dev->type->size,
                         dev->order);
@@ -191,10 +189,12 @@ static long writeAao(dbCommon *common)
         return -1;
     if (dev->type->kind == plcS7String) {
         nul = memchr(array, 0, prec->nord);
-        plcPutText(dev->type, dev->buffer, dev->length, array,
+        plcPutText(dev->type, dev->buffer, dev->length, dev->order, array,
                    nul ? (size_t)(nul - (const char *)array) : prec->nord);
     } else if (dev->type->kind == plcBcd) {
         plcBcdEncode(dev->buffer, array, dev->length);
+    } else if (dev->type->kind == plcString) {
+        plcTextToBytes(dev->buffer, array, dev->length, dev->order);
     } else {
         plcCopyElements(dev->buffer, array, dev->type->size,
                         dev->length / dev->type->size, dev->order);

@@ -218,12 +218,9 @@ static long readInt64in(dbCommon *common)
  * without the terminator. */
 static size_t copyString(char *dst, size_t size, const devRecord *dev)
 {
-    size_t length;
-    const char *text = plcGetText(dev->type, dev->buffer, dev->length, &length);
+    size_t length =
+        plcGetText(dev->type, dev->buffer, dev->length, dev->order, dst, size - 1);
 
-    if (length > size - 1)
-        length = size - 1;
-    memcpy(dst, text, length);
     dst[length] = 0;
     return length;
 }
@@ -300,11 +297,11 @@ const devSupport devS7plcInt64in = {
     .direction = devIn, .shape = {"int64in", plcWhole, 8, plcHasW, "INT16"}};
 const devSupport devS7plcStringin = {
     .common = DEV_DSET, .transfer = readStringin, .dtyp = "S7plc", .field = "INP",
-    .direction = devIn, .shape = {"stringin", plcText, 1, plcHasL, "STRING"},
+    .direction = devIn, .shape = {"stringin", plcText, 1, plcHasL | plcHasW, "STRING"},
     .adapt = adaptStringin, .prepare = devPrepareString};
 const devSupport devS7plcLsi = {
     .common = DEV_DSET, .transfer = readLsi, .dtyp = "S7plc", .field = "INP",
-    .direction = devIn, .shape = {"lsi", plcText, 1, plcHasL, "STRING"},
+    .direction = devIn, .shape = {"lsi", plcText, 1, plcHasL | plcHasW, "STRING"},
     .adapt = adaptLsi, .prepare = devPrepareString};
 /* clang-format on */
 

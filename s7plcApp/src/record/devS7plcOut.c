@@ -208,7 +208,7 @@ static long storeString(dbCommon *common, const char *text, size_t size)
         return -1;
     nul = memchr(text, 0, size);
     length = nul ? (size_t)(nul - text) : size;
-    plcPutText(dev->type, dev->buffer, dev->length, text, length);
+    plcPutText(dev->type, dev->buffer, dev->length, dev->order, text, length);
     return devStore(common, dev->buffer, NULL);
 }
 
@@ -352,12 +352,8 @@ static void followInt64out(dbCommon *common, const devRecord *dev,
 static size_t followString(char *text, size_t size, const devRecord *dev,
                            const epicsUInt8 *bytes)
 {
-    size_t length;
-    const char *from = plcGetText(dev->type, bytes, dev->length, &length);
+    size_t length = plcGetText(dev->type, bytes, dev->length, dev->order, text, size - 1);
 
-    if (length > size - 1)
-        length = size - 1;
-    memcpy(text, from, length);
     text[length] = 0;
     return length;
 }
@@ -416,12 +412,12 @@ const devSupport devS7plcInt64out = {
     .write = writeInt64out, .follow = followInt64out};
 const devSupport devS7plcStringout = {
     .common = DEV_DSET, .transfer = devWrite, .dtyp = "S7plc", .field = "OUT",
-    .direction = devOut, .shape = {"stringout", plcText, 1, plcHasL | plcHasR, "STRING"},
+    .direction = devOut, .shape = {"stringout", plcText, 1, plcHasL | plcHasR | plcHasW, "STRING"},
     .adapt = adaptStringout, .prepare = devPrepareString, .write = writeStringout,
     .follow = followStringout};
 const devSupport devS7plcLso = {
     .common = DEV_DSET, .transfer = devWrite, .dtyp = "S7plc", .field = "OUT",
-    .direction = devOut, .shape = {"lso", plcText, 1, plcHasL | plcHasR, "STRING"},
+    .direction = devOut, .shape = {"lso", plcText, 1, plcHasL | plcHasR | plcHasW, "STRING"},
     .adapt = adaptLso, .prepare = devPrepareString, .write = writeLso,
     .follow = followLso};
 /* clang-format on */

@@ -62,7 +62,10 @@ static void typeText(const plcOwner *owner, char *text, size_t size)
                           (int)owner->type->size * 2, (unsigned long long)owner->mask);
     }
     used = strlen(text);
-    if (owner->order & plcWordsSwapped)
+    if (owner->type->kind & plcText) {
+        if (owner->order != plcTextABCD)
+            epicsSnprintf(text + used, size - used, " W=%s", plcTextOrderName(owner->order));
+    } else if (owner->order & plcWordsSwapped)
         epicsSnprintf(text + used, size - used, " W=%s",
                       owner->order & plcBigEndian ? "low" : "high");
 }
@@ -71,16 +74,17 @@ static void typeText(const plcOwner *owner, char *text, size_t size)
 static void valueText(const view *v, const plcOwner *owner, char *text, size_t size)
 {
     const epicsUInt8 *bytes = v->bytes + owner->offset;
-    const char *from;
-    size_t chars;
+    char chars[160]; /* more than a line shows */
+    size_t count;
     epicsUInt64 raw;
     char *end;
 
     text[0] = 0;
     if (owner->type->kind & plcText && size > 12) {
         strcpy(text, " = \"");
-        from = plcGetText(owner->type, bytes, owner->length, &chars);
-        epicsStrnEscapedFromRaw(text + 4, size - 6, from, chars);
+        count = plcGetText(owner->type, bytes, owner->length, owner->order, chars,
+                           sizeof(chars));
+        epicsStrnEscapedFromRaw(text + 4, size - 6, chars, count);
         end = text + strlen(text);
         strcpy(end, "\"");
     } else if (owner->length != owner->type->size || owner->type->kind == plcBcd) {

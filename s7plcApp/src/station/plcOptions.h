@@ -49,6 +49,7 @@ typedef struct plcOptions {
     int map;               /* plcMapOff, ... of plcTables.h */
     double layoutAt;       /* offset of the PLC's in the input block, PLC_OFF */
     int wordOrder;         /* plcWordsAsBytes, ... */
+    int textOrder;         /* plcTextABCD, ... */
     int complete;          /* plcCompleteAcknowledged, plcCompleteSent */
     int writes;            /* plcWritesNewest, plcWritesAll */
     double requestTimeout; /* ms, of transports with requests */

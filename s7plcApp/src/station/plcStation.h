@@ -98,8 +98,9 @@ void plcStationsDestroy(void);
 const char *plcStationName(const plcStation *station);
 
 /* The order of plcCodec.h for values of this PLC: its byte order and the option
- * wordOrder. */
+ * wordOrder; and for texts: the option textOrder. */
 int plcStationOrder(const plcStation *station);
+int plcStationTextOrder(const plcStation *station);
 
 /* The wire by which values are found by their names in the PLC, for people; NULL: they have
  * offsets. */

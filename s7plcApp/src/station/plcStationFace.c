@@ -26,6 +26,11 @@ int plcStationOrder(const plcStation *s)
     return s->order;
 }
 
+int plcStationTextOrder(const plcStation *s)
+{
+    return s->textOrder;
+}
+
 const char *plcStationByName(const plcStation *s)
 {
     return s->exchange && s->exchange->transport->used ? s->exchange->transport->name : NULL;
@@ -530,6 +535,7 @@ int plcStationSetOption(plcStation *s, const char *key, const char *value, char 
     if (status == 0 && !s->started) {
         plcScanByRange(s->inScan, options.scan == plcScanChanged);
         s->order = orderOf(s->bigEndian, options.wordOrder);
+        s->textOrder = options.textOrder;
     }
     epicsMutexUnlock(s->lock);
     if (status)

@@ -92,6 +92,7 @@ struct plcStation {
     size_t inSize, outSize;
     int bigEndian;
     int order; /* the same, and the option wordOrder: plcCodec.h */
+    int textOrder;
     const plcPolicy *policy;
     void *policyPvt;
 

@@ -44,6 +44,7 @@ const plcType plcTypes[] = {
     {"BCD16",  plcDigits,   2, 0,           9999        },
     {"BCD32",  plcDigits,   4, 0,           99999999    },
     {"SM16",   plcMagnitude, 2, -0x7FFF,    0x7FFF      },
+    {"SBCD16", plcSignedDigits, 2, -7999,       7999        },
     {NULL,     0,           0, 0,           0           },
 };
 
@@ -241,28 +242,34 @@ static void store(void *bytes, unsigned size, int order, epicsUInt64 value)
 /* Digits beyond 9 count as what they are. */
 static NOINLINE epicsInt64 decode(const plcType *type, epicsUInt64 coded)
 {
+    int negative = type->kind != plcDigits && coded & 0x8000;
     epicsInt64 value = 0;
     int shift;
 
+    if (negative)
+        coded &= 0x7FFF;
     if (type->kind == plcMagnitude)
-        return coded & 0x8000 ? -(epicsInt64)(coded & 0x7FFF) : (epicsInt64)coded;
+        return negative ? -(epicsInt64)coded : (epicsInt64)coded;
     for (shift = 8 * (int)type->size - 4; shift >= 0; shift -= 4)
         value = value * 10 + (epicsInt64)(coded >> shift & 0xF);
-    return value;
+    return negative ? -value : value;
 }
 
 /* A number with more digits than there is room for is the largest, a negative one 0. */
 static NOINLINE epicsUInt64 encode(const plcType *type, epicsInt64 value)
 {
-    epicsUInt64 coded = 0;
+    epicsUInt64 coded = 0, sign;
     unsigned shift;
 
     value = value < type->low ? type->low : value > type->high ? type->high : value;
+    sign = value < 0 ? 0x8000u : 0;
+    if (value < 0)
+        value = -value;
     if (type->kind == plcMagnitude)
-        return value < 0 ? 0x8000u | (epicsUInt64)-value : (epicsUInt64)value;
+        return sign | (epicsUInt64)value;
     for (shift = 0; shift < 8 * type->size; shift += 4, value /= 10)
         coded |= (epicsUInt64)(value % 10) << shift;
-    return coded;
+    return sign | coded;
 }
 
 PLC_HOT epicsInt64 plcGetInt(const plcType *type, const void *bytes, int order)
@@ -362,34 +369,101 @@ void plcBcdEncode(epicsUInt8 *dst, const epicsUInt8 *src, size_t n)
         dst[i] = (epicsUInt8)((src[i] / 10 % 10) << 4 | src[i] % 10);
 }
 
-const char *plcGetText(const plcType *type, const void *bytes, size_t length, size_t *chars)
+/* The byte of a character, by its number. The numbers of the four orders are what two bytes
+ * that change places differ by. */
+static size_t placeOf(int order, size_t i)
 {
-    const epicsUInt8 *text = bytes;
-    const epicsUInt8 *nul;
-
-    if (type->kind == plcS7String) {
-        length -= PLC_S7STRING_HEAD;
-        if (text[1] < length)
-            length = text[1];
-        text += PLC_S7STRING_HEAD;
-    }
-    nul = memchr(text, 0, length);
-    *chars = nul ? (size_t)(nul - text) : length;
-    return (const char *)text;
+    return order >= plcTextA0 ? 2 * i + (order == plcText0A) : i ^ (size_t)order;
 }
 
-void plcPutText(const plcType *type, void *bytes, size_t length, const char *text,
+const char *plcTextOrderName(int order)
+{
+    static const char *const names[] = {"ABCD", "BADC", "CDAB", "DCBA", "A0", "0A"};
+
+    return names[order];
+}
+
+unsigned plcTextUnit(int order)
+{
+    return order == plcTextABCD ? 1 : order == plcTextCDAB || order == plcTextDCBA ? 4 : 2;
+}
+
+size_t plcTextBytes(int order, size_t chars)
+{
+    return order >= plcTextA0 ? 2 * chars : chars;
+}
+
+static size_t charsOf(int order, size_t length)
+{
+    return order >= plcTextA0 ? length / 2 : length;
+}
+
+void plcTextFromBytes(void *text, const void *bytes, size_t length, int order)
+{
+    const epicsUInt8 *from = bytes;
+    epicsUInt8 *to = text;
+    size_t i;
+
+    if (order == plcTextABCD)
+        memcpy(to, from, length);
+    for (i = 0; order != plcTextABCD && i < charsOf(order, length); i++)
+        to[i] = from[placeOf(order, i)];
+}
+
+void plcTextToBytes(void *bytes, const void *text, size_t length, int order)
+{
+    const epicsUInt8 *from = text;
+    epicsUInt8 *to = bytes;
+    size_t i;
+
+    if (order == plcTextABCD) {
+        memcpy(to, from, length);
+        return;
+    }
+    memset(to, 0, length);
+    for (i = 0; i < charsOf(order, length); i++)
+        to[placeOf(order, i)] = from[i];
+}
+
+size_t plcGetText(const plcType *type, const void *bytes, size_t length, int order, char *text,
+                  size_t size)
+{
+    const epicsUInt8 *from = bytes, *nul;
+    size_t head = type->kind == plcS7String ? PLC_S7STRING_HEAD : 0;
+    size_t chars = charsOf(order, length) - head, i;
+
+    if (head && from[placeOf(order, 1)] < chars)
+        chars = from[placeOf(order, 1)];
+    if (chars > size)
+        chars = size;
+    if (order == plcTextABCD) {
+        nul = memchr(from + head, 0, chars);
+        chars = nul ? (size_t)(nul - (from + head)) : chars;
+        memcpy(text, from + head, chars);
+        return chars;
+    }
+    for (i = 0; i < chars; i++) {
+        text[i] = (char)from[placeOf(order, head + i)];
+        if (!text[i])
+            break;
+    }
+    return i;
+}
+
+void plcPutText(const plcType *type, void *bytes, size_t length, int order, const char *text,
                 size_t chars)
 {
     epicsUInt8 *to = bytes;
-    size_t room = type->kind == plcS7String ? length - PLC_S7STRING_HEAD : length;
+    size_t head = type->kind == plcS7String ? PLC_S7STRING_HEAD : 0;
+    size_t room = charsOf(order, length) - head, i;
 
     if (chars > room)
         chars = room;
-    if (type->kind == plcS7String) {
-        *to++ = (epicsUInt8)room;
-        *to++ = (epicsUInt8)chars;
+    memset(to, 0, length);
+    if (head) {
+        to[placeOf(order, 0)] = (epicsUInt8)room;
+        to[placeOf(order, 1)] = (epicsUInt8)chars;
     }
-    memcpy(to, text, chars);
-    memset(to + chars, 0, room - chars);
+    for (i = 0; i < chars; i++)
+        to[placeOf(order, head + i)] = (epicsUInt8)text[i];
 }

@@ -3,7 +3,7 @@
  * Pure functions: no records, no links, no sockets, no clock, no memory of anything.
  * Source of the names, aliases and default limits: the manual of PSI's s7plc, which this
  * module replaces; REAL is IEEE 754; BCD is the Siemens DATE_AND_TIME digit pair. BCD16,
- * BCD32 and SM16: what devices have in their registers.
+ * BCD32, SM16 and SBCD16: what devices have in their registers.
  */
 #ifndef INC_plcCodec_H
 #define INC_plcCodec_H
@@ -20,11 +20,12 @@ typedef enum {
     plcBcd = 16,
     plcS7String = 32, /* as S7 keeps a STRING[n]: two length bytes, then n characters */
     plcDigits = 64,   /* a whole number, a decimal digit in each 4 bits */
-    plcMagnitude = 128 /* a whole number, its sign in the highest bit */
+    plcMagnitude = 128,   /* a whole number, its sign in the highest bit */
+    plcSignedDigits = 256 /* both: the first digit is 7 at most */
 } plcKind;
 
 #define plcInteger (plcSigned | plcUnsigned)        /* bits of them may be taken alone */
-#define plcCoded (plcDigits | plcMagnitude)
+#define plcCoded (plcDigits | plcMagnitude | plcSignedDigits)
 #define plcWhole (plcInteger | plcCoded)
 #define plcText (plcString | plcS7String)
 
@@ -91,15 +92,41 @@ void plcCopyElements(void *dst, const void *src, unsigned size, size_t n, int or
 void plcBcdDecode(epicsUInt8 *dst, const epicsUInt8 *src, size_t n);
 void plcBcdEncode(epicsUInt8 *dst, const epicsUInt8 *src, size_t n);
 
-/* The characters in `length` bytes of kind plcString or plcS7String. *chars is their number:
- * up to the first NUL, for plcS7String (2 bytes at least) not more than its second byte says
- * either. */
-const char *plcGetText(const plcType *type, const void *bytes, size_t length,
-                       size_t *chars);
+/* How the characters A, B, C, D ... of a text (plcString, plcS7String with its head) stand in the
+ * PLC's bytes. Where the numbers of a PLC have their words the other way round its texts need
+ * not have it so, and the other way. */
+enum {
+    plcTextABCD,
+    plcTextBADC,
+    plcTextCDAB,
+    plcTextDCBA,
+    plcTextA0, /* one character in two bytes, the other one is 0 */
+    plcText0A
+};
+
+/* "BADC" */
+const char *plcTextOrderName(int order);
+
+/* A text in this order is so many bytes, or a multiple of it. */
+unsigned plcTextUnit(int order);
+
+/* The bytes of so many characters, in an order that needs no multiple of characters. */
+size_t plcTextBytes(int order, size_t chars);
+
+/* All characters of `length` bytes, whatever they are, and back: as many as there is room for.
+ * length is a multiple of plcTextUnit. */
+void plcTextFromBytes(void *text, const void *bytes, size_t length, int order);
+void plcTextToBytes(void *bytes, const void *text, size_t length, int order);
+
+/* Copies the characters in `length` bytes, a multiple of plcTextUnit: at most `size`, up to the first
+ * NUL, for plcS7String (2 characters at least) not more than its second byte says either. Returns
+ * their number; no NUL is added. */
+size_t plcGetText(const plcType *type, const void *bytes, size_t length, int order, char *text,
+                  size_t size);
 
 /* Fills `length` bytes: `text` of `chars` characters, cut off or filled up with NULs;
- * plcS7String: in front of it length - 2, and the number of characters. */
-void plcPutText(const plcType *type, void *bytes, size_t length, const char *text,
+ * plcS7String: in front of it the number of characters that fit, and how many there are. */
+void plcPutText(const plcType *type, void *bytes, size_t length, int order, const char *text,
                 size_t chars);
 
 #endif /* INC_plcCodec_H */

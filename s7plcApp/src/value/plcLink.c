@@ -12,6 +12,7 @@
 #include <epicsString.h>
 
 #include "plcLink.h"
+#include "plcOtherTypes.h"
 
 #define INT64_HIGHEST 0x7FFFFFFFFFFFFFFFLL
 #define QUOTE_SIZE 33 /* characters of the link in a message, with the terminator */
@@ -250,56 +251,10 @@ static int parseSigned(cursor *c, char letter, epicsInt64 *result)
     return 0;
 }
 
-/* Names of types that people bring along, and what they are here. Returns NULL for others. */
-static const char *otherName(const char *name, size_t length)
-{
-    static const struct {
-        const char *name, *here;
-    } others[] = {
-        {"REAL",          "T=REAL32, a REAL of the PLC"               },
-        {"LREAL",         "T=REAL64, an LREAL of the PLC"             },
-        {"SINT",          "T=INT8, a SINT of the PLC"                 },
-        {"USINT",         "T=UINT8, a USINT of the PLC"               },
-        {"INT",           "T=INT16, an INT of the PLC"                },
-        {"UINT",          "T=UINT16, a UINT of the PLC"               },
-        {"DINT",          "T=INT32, a DINT of the PLC"                },
-        {"UDINT",         "T=UINT32, a UDINT of the PLC"              },
-        {"LINT",          "T=INT64, a LINT of the PLC"                },
-        {"ULINT",         "T=UINT64, a ULINT of the PLC"              },
-        {"BOOL",          "T=BYTE B=bit, in a bi or bo"               },
-        {"BCD_UNSIGNED",  "T=BCD16, the same in asyn's modbus"        },
-        {"INT16SM",       "T=SM16, the same in asyn's modbus"         },
-        {"INT32_LE",      "T=INT32 W=CDAB, the same in asyn's modbus" },
-        {"INT32_BE",      "T=INT32 W=ABCD, the same in asyn's modbus" },
-        {"INT32_LE_BS",   "T=INT32 W=DCBA, the same in asyn's modbus" },
-        {"INT32_BE_BS",   "T=INT32 W=BADC, the same in asyn's modbus" },
-        {"UINT32_LE",     "T=UINT32 W=CDAB, the same in asyn's modbus"},
-        {"UINT32_BE",     "T=UINT32 W=ABCD, the same in asyn's modbus"},
-        {"UINT32_LE_BS",  "T=UINT32 W=DCBA, the same in asyn's modbus"},
-        {"UINT32_BE_BS",  "T=UINT32 W=BADC, the same in asyn's modbus"},
-        {"FLOAT32_LE",    "T=REAL32 W=CDAB, the same in asyn's modbus"},
-        {"FLOAT32_BE",    "T=REAL32 W=ABCD, the same in asyn's modbus"},
-        {"FLOAT32_LE_BS", "T=REAL32 W=DCBA, the same in asyn's modbus"},
-        {"FLOAT32_BE_BS", "T=REAL32 W=BADC, the same in asyn's modbus"},
-        {"FLOAT64_LE",    "T=REAL64 W=CDAB, the same in asyn's modbus"},
-        {"FLOAT64_BE",    "T=REAL64 W=ABCD, the same in asyn's modbus"},
-        {"FLOAT64_LE_BS", "T=REAL64 W=DCBA, the same in asyn's modbus"},
-        {"FLOAT64_BE_BS", "T=REAL64 W=BADC, the same in asyn's modbus"},
-    };
-    size_t i;
-
-    for (i = 0; i < sizeof(others) / sizeof(others[0]); i++)
-        if (strlen(others[i].name) == length &&
-            epicsStrnCaseCmp(others[i].name, name, length) == 0)
-            return others[i].here;
-    return NULL;
-}
-
 static int parseT(cursor *c, plcLink *link)
 {
-    char quote[QUOTE_SIZE], types[120];
+    char quote[QUOTE_SIZE], types[160];
     size_t start = c->at;
-    const char *hint;
 
     while (!atEnd(c))
         c->at++;
@@ -308,10 +263,8 @@ static int parseT(cursor *c, plcLink *link)
     link->type = plcTypeFind(c->text + start, c->at - start);
     if (link->type)
         return 0;
-    if ((hint = otherName(c->text + start, c->at - start)))
-        return fail(c->error, start, "T=%s is no data type; allowed: %s",
-                    wordFrom(c, start, quote), hint);
-    plcTypeList(~0u, 8, types, sizeof(types));
+    if (!plcOtherType(c->text + start, c->at - start, types, sizeof(types)))
+        plcTypeList(~0u, 8, types, sizeof(types));
     return fail(c->error, start, "T=%s is no data type; allowed: %s",
                 wordFrom(c, start, quote), types);
 }
@@ -347,19 +300,22 @@ static int parseR(cursor *c, plcLink *link)
 }
 
 #define WORD_ORDERS "high low ABCD CDAB BADC DCBA"
+#define TEXT_ORDERS "ABCD CDAB BADC DCBA A0 0A"
 
 static int parseW(cursor *c, plcLink *link)
 {
     static const struct {
         const char *word;
-        int high, bigEndian;
+        int high, bigEndian, text;
     } orders[] = {
-        {"low",  0, -1},
-        {"high", 1, -1},
-        {"ABCD", 1, 1 },
-        {"CDAB", 0, 1 },
-        {"BADC", 1, 0 },
-        {"DCBA", 0, 0 },
+        {"low",  0,  -1, -1         },
+        {"high", 1,  -1, -1         },
+        {"ABCD", 1,  1,  plcTextABCD},
+        {"CDAB", 0,  1,  plcTextCDAB},
+        {"BADC", 1,  0,  plcTextBADC},
+        {"DCBA", 0,  0,  plcTextDCBA},
+        {"A0",   -1, -1, plcTextA0  },
+        {"0A",   -1, -1, plcText0A  },
     };
     unsigned i;
     char quote[QUOTE_SIZE];
@@ -368,16 +324,19 @@ static int parseW(cursor *c, plcLink *link)
     while (!atEnd(c))
         c->at++;
     if (c->at == start)
-        return fail(c->error, start, "W= has no value; allowed: W=" WORD_ORDERS);
+        return fail(c->error, start,
+                    "W= has no value; allowed: W=" WORD_ORDERS ", for texts " TEXT_ORDERS);
     for (i = 0; i < sizeof(orders) / sizeof(orders[0]); i++) {
         if (strlen(orders[i].word) != c->at - start ||
             epicsStrnCaseCmp(c->text + start, orders[i].word, c->at - start))
             continue;
         link->highWordFirst = orders[i].high;
         link->wordBigEndian = orders[i].bigEndian;
+        link->textOrder = orders[i].text;
         return 0;
     }
-    return fail(c->error, start, "W=%s is no word order; allowed: W=" WORD_ORDERS,
+    return fail(c->error, start,
+                "W=%s is no word order; allowed: W=" WORD_ORDERS ", for texts " TEXT_ORDERS,
                 wordFrom(c, start, quote));
 }
 
@@ -506,7 +465,7 @@ int plcLinkParse(const char *text, plcLink *link, plcLinkError *error)
 static int completeType(plcLink *link, const plcShape *shape, plcLinkError *error)
 {
     const plcType *type = link->type;
-    char types[120];
+    char types[160];
 
     if (!(link->has & plcHasT))
         type = plcTypeFind(shape->defaultType, strlen(shape->defaultType));
@@ -607,15 +566,27 @@ static void completeReal(const plcLink *link, plcLinkError *error)
              link->type->name);
 }
 
-/* The order of words, where there are words: elements of 4 and 8 bytes. */
-static void completeWords(const plcLink *link, const plcShape *shape, plcLinkError *error)
+/* The order of words, where there are words: elements of 4 and 8 bytes; and that of texts. */
+static int completeWords(const plcLink *link, const plcShape *shape, plcLinkError *error)
 {
-    if (link->has & plcHasW && !(shape->options & plcHasW &&
-                                 link->type->size >= (link->wordBigEndian < 0 ? 4 : 2)))
+    const char *name = link->type->name;
+    int text = link->type->kind & plcText;
+
+    if (!(link->has & plcHasW))
+        return 0;
+    if (!text && link->highWordFirst < 0)
+        return fail(error, link->column.W,
+                    "W=A0 and W=0A are for texts, not %s; allowed: W=" WORD_ORDERS, name);
+    if (shape->options & plcHasW && text && link->textOrder < 0)
+        warn(error, link->column.W,
+             "W=high and W=low have no effect on %s: the order of a text is W=" TEXT_ORDERS, name);
+    else if (!(shape->options & plcHasW) ||
+             (!text && link->type->size < (link->wordBigEndian < 0 ? 4 : 2)))
         warn(error, link->column.W,
              "W= has no effect on %s: only types of 4 and 8 bytes "
              "have an order of words",
-             link->type->name);
+             name);
+    return 0;
 }
 
 int plcLinkComplete(plcLink *link, const plcShape *shape, size_t length,
@@ -636,14 +607,33 @@ int plcLinkComplete(plcLink *link, const plcShape *shape, size_t length,
     if (link->has & plcHasR & ~shape->options)
         return fail(error, link->column.R, "R= (read-back) is for outputs only, not %s",
                     shape->recordType);
-    completeWords(link, shape, error);
-    return 0;
+    return completeWords(link, shape, error);
 }
 
-int plcLinkOrder(const plcLink *link, int order)
+int plcLinkTextLength(const plcLink *link, int order, size_t *length, plcLinkError *error)
+{
+    size_t unit = plcTextUnit(order), over = *length % unit;
+    long long low = (long long)link->low;
+
+    if (over && link->has & plcHasL)
+        return fail(error, link->column.L,
+                    "L=%lld: in this order a text has a multiple of %u bytes%s; allowed: such as "
+                    "L=%lld",
+                    low, (unsigned)unit, link->type->kind == plcS7String ? " with its head" : "",
+                    low + (long long)(unit - over));
+    *length -= over;
+    return *length ? 0
+                   : fail(error, link->column.offset,
+                          "no room for a text of %u bytes, the least in this order",
+                          (unsigned)unit);
+}
+
+int plcLinkOrder(const plcLink *link, int order, int textOrder)
 {
     int bigEndian = order & plcBigEndian;
 
+    if (link->type->kind & plcText)
+        return link->has & plcHasW && link->textOrder >= 0 ? link->textOrder : textOrder;
     if (link->has & plcHasW && link->wordBigEndian >= 0)
         bigEndian = link->wordBigEndian ? plcBigEndian : 0;
     if (link->type->size < 4)

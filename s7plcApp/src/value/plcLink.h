@@ -1,6 +1,6 @@
 /* The text of an INP or OUT link taken apart:
  *
- *     @PLCname/offset T=type L=low H=high B=bit R=readback W=high|low
+ *     @PLCname/offset T=type L=low H=high B=bit R=readback W=order
  *
  * Pure: knows the data types, but no station, no record and no block size. What a record
  * type allows is one row of constants (plcShape), so that every refusal reads alike.
@@ -33,8 +33,9 @@ typedef struct plcLink {
     epicsInt64 high;     /* H= */
     unsigned bit;        /* B= */
     size_t readback;     /* R=: where in the input block the PLC shows this output */
-    int highWordFirst;   /* W=: which 16-bit word of 4 and 8 bytes comes first; */
+    int highWordFirst;   /* W=: which 16-bit word of 4 and 8 bytes comes first; -1: not for numbers */
     int wordBigEndian;   /* and which byte in a word, 1: the upper; -1: as everywhere in the PLC */
+    int textOrder;       /* plcTextABCD, ...; -1: not for texts */
     struct {             /* columns in the text, for messages; its end when not given */
         size_t offset, T, L, H, B, R, W;
     } column;
@@ -74,8 +75,12 @@ typedef struct plcShape {
 int plcLinkComplete(plcLink *link, const plcShape *shape, size_t length,
                     plcLinkError *error);
 
-/* The order of the bytes (plcCodec.h) at a completed link, where `order` is that of the
- * station: W= wins; types of 1 and 2 bytes have no order of words. */
-int plcLinkOrder(const plcLink *link, int order);
+/* The order of the bytes (plcCodec.h) at a completed link, where `order` and `textOrder` are those
+ * of the station: W= wins; types of 1 and 2 bytes have no order of words. */
+int plcLinkOrder(const plcLink *link, int order, int textOrder);
+
+/* *length bytes are what there is of a text in this order (plcTextABCD, ...). What is no whole number
+ * of its units is left out; where L= says so, it is refused. Returns 0 or -1. */
+int plcLinkTextLength(const plcLink *link, int order, size_t *length, plcLinkError *error);
 
 #endif /* INC_plcLink_H */
