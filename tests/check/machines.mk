@@ -36,7 +36,7 @@ statsTest = plcStats
 putsTest = plcPuts
 faultsTest = plcFaults
 
-readbackTest = plcReadback plcImage plcPuts
+readbackTest = plcReadback plcImage plcImageOut plcPuts
 framingTest = framingTestSlip plcFraming
 roleTest = pairRole
 syncTest = plcSync plcCodec

@@ -361,7 +361,8 @@ static void putLast(epicsUInt32 value)
     cell[eipPlaceKindAt] = eipSigned;
     for (i = 0; i < 8; i++)
         cell[eipPlaceHead + i] = number >> 8 * i & 0xff;
-    plcImageWrite(station.setup.out, (tagCount - 1) * eipCellSize, eipCellSize, cell, mask);
+    plcImageWrite(station.setup.out, (tagCount - 1) * eipCellSize, eipCellSize, cell, mask,
+                  NULL);
 }
 
 /* Nothing is new; in the next moment somebody wants the last tag, and puts something, or puts it

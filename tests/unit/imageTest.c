@@ -21,6 +21,12 @@ static int reasonIs(plcImage *image, const char *expected)
     return strcmp(reason, expected) == 0;
 }
 
+static int writeTo(plcImage *image, size_t offset, size_t length, const void *src,
+                   const void *mask)
+{
+    return plcImageWrite(image, offset, length, src, mask, NULL);
+}
+
 static void testInput(void)
 {
     plcImage *image = plcImageCreate(6);
@@ -86,10 +92,10 @@ static void edgeStep(plcImage *image, char step, char *taken)
     if (strchr("aAbB", step)) {
         const epicsUInt8 *mask = &bit[(step | 0x20) - 'a'];
 
-        plcImageWrite(image, 0, 1, step & 0x20 ? &none : mask, mask);
+        writeTo(image, 0, 1, step & 0x20 ? &none : mask, mask);
     } else if (step >= '1' && step <= '9') {
         bytes[0] = (epicsUInt8)(step - '0');
-        plcImageWrite(image, 1, 1, bytes, NULL);
+        writeTo(image, 1, 1, bytes, NULL);
     } else if (step == '+') {
         plcImageTake(image, bytes);
         sprintf(taken + strlen(taken), "%s%d%d", taken[0] ? " " : "", bytes[0], bytes[1]);
@@ -133,9 +139,9 @@ static void testEdgesSeen(void)
 
     plcImageKeepEdges(image, 4);
     plcImageAway(image, 0);
-    testOk(plcImageWriteCounted(image, 0, 1, "\1", "\1", &written) == 1 && written.takes == 0,
+    testOk(plcImageWrite(image, 0, 1, "\1", "\1", &written) == 1 && written.takes == 0,
            "a change of a bit: it leaves with the next take");
-    testOk(plcImageWriteCounted(image, 0, 1, "\0", "\1", &written) == 0 && written.takes == 1,
+    testOk(plcImageWrite(image, 0, 1, "\0", "\1", &written) == 0 && written.takes == 1,
            "it is undone: that leaves with the one after it");
     plcImagePeek(image, 0, 1, &seen);
     testOk(seen == 0 && plcImageDirty(image), "what was put last is shown");
@@ -144,7 +150,7 @@ static void testEdgesSeen(void)
     plcImageTake(image, &seen);
     testOk(seen == 0 && !plcImageDirty(image), "and clean after the second");
     for (i = 0; i < 41; i++)
-        plcImageWrite(image, 0, 1, i % 2 ? "\0" : "\1", "\1");
+        writeTo(image, 0, 1, i % 2 ? "\0" : "\1", "\1");
     plcImagePutsThrough(image, &dropped);
     testOk(dropped > 30 && plcImagePutsWaiting(image, NULL, NULL) <= 4,
            "too many edges: %u dropped", (unsigned)dropped);
@@ -190,8 +196,8 @@ static void testWrites(void)
         plcImage *image = plcImageCreate(4);
         epicsUInt8 got[4];
 
-        plcImageWrite(image, 0, 4, before, NULL);
-        plcImageWrite(image, writes[i].offset, writes[i].length, writes[i].src,
+        writeTo(image, 0, 4, before, NULL);
+        writeTo(image, writes[i].offset, writes[i].length, writes[i].src,
                       writes[i].masked ? writes[i].mask : NULL);
         plcImageTake(image, got);
         testOk(memcmp(got, writes[i].expect, 4) == 0, "write of %s", writes[i].what);
@@ -207,8 +213,8 @@ static void testDirty(void)
     testOk(!plcImageDirty(image), "a new image has nothing to send");
     plcImagePeek(image, 0, 3, got);
     testOk(memcmp(got, "\0\0\0", 3) == 0, "it is all zero");
-    testOk(plcImageWrite(image, 1, 1, "x", NULL) == 1, "the first write says so");
-    testOk(plcImageWrite(image, 2, 1, "y", NULL) == 0, "the second is not the first");
+    testOk(writeTo(image, 1, 1, "x", NULL) == 1, "the first write says so");
+    testOk(writeTo(image, 2, 1, "y", NULL) == 0, "the second is not the first");
     testOk(plcImageDirty(image), "now there is something to send");
     plcImagePeek(image, 0, 3, got);
     testOk(memcmp(got, "\0xy", 3) == 0 && plcImageDirty(image),
@@ -217,10 +223,10 @@ static void testDirty(void)
     testOk(memcmp(got, "\0xy", 3) == 0 && !plcImageDirty(image), "take does");
     plcImageTouch(image);
     testOk(plcImageDirty(image), "touch makes it leave again");
-    testOk(plcImageWrite(image, 0, 1, "z", NULL) == 0,
+    testOk(writeTo(image, 0, 1, "z", NULL) == 0,
            "a write after touch is not the first");
     plcImageTake(image, got);
-    testOk(plcImageWrite(image, 0, 1, "z", NULL) == 1,
+    testOk(writeTo(image, 0, 1, "z", NULL) == 1,
            "the same value after take is a first write");
     plcImageDestroy(image);
 }
@@ -232,7 +238,7 @@ static void testEmpty(void)
 
     plcImagePublish(image, NULL, &stampA);
     testOk(plcImageRead(image, 0, 0, nothing, NULL) == 0, "an image of 0 bytes is read");
-    testOk(plcImageWrite(image, 0, 0, nothing, NULL) == 1, "and written");
+    testOk(writeTo(image, 0, 0, nothing, NULL) == 1, "and written");
     plcImageTake(image, nothing);
     plcImagePeek(image, 0, 0, nothing);
     testOk(nothing[0] == '#', "and no byte is copied");
@@ -276,23 +282,23 @@ static void testChanges(void)
 
     plcImageKeepPuts(image, 1000);
     testOk(takes(image, "\0\0\0\0", "\0\0\0\0"), "nothing was written at first");
-    plcImageWrite(image, 1, 2, "AB", NULL);
-    plcImageWrite(image, 3, 1, "\x0F", "\x03");
+    writeTo(image, 1, 2, "AB", NULL);
+    writeTo(image, 3, 1, "\x0F", "\x03");
     testOk(takes(image, "\0AB\x03", "\0\xFF\xFF\x03"), "two bytes and two bits");
     testOk(takes(image, "\0AB\x03", "\0\0\0\0"), "once");
-    plcImageWrite(image, 1, 1, "A", NULL);
+    writeTo(image, 1, 1, "A", NULL);
     testOk(takes(image, "\0AB\x03", "\0\xFF\0\0"), "the same value again is a write");
-    plcImageWrite(image, 1, 1, "a", NULL);
+    writeTo(image, 1, 1, "a", NULL);
     plcImageForget(image);
     testOk(takes(image, "\0aB\x03", "\0\0\0\0"), "not what is forgotten");
-    plcImageWrite(image, 1, 1, "b", NULL);
+    writeTo(image, 1, 1, "b", NULL);
     plcImageTake(image, (char[4]){0});
     testOk(takes(image, "\0bB\x03", "\0\0\0\0"), "nor what was taken as a whole");
     plcImageTouch(image);
     testOk(plcImageDirty(image) && takes(image, "\0bB\x03", "\0\0\0\0"),
            "touch writes no bit");
     plcImageClose(image, 1);
-    testOk(plcImageWrite(image, 0, 1, "x", NULL) == -1 &&
+    testOk(writeTo(image, 0, 1, "x", NULL) == -1 &&
                takes(image, "\0bB\x03", "\0\0\0\0"),
            "nor does a write that is refused");
     plcImageDestroy(image);
@@ -316,8 +322,8 @@ static void testOwedWhole(void)
     char taken[8];
 
     plcImageKeepPuts(image, 1000);
-    plcImageWrite(image, 0, 5, "ABCDE", NULL);
-    plcImageWrite(image, 6, 2, "G\x08", "\xFF\x0F");
+    writeTo(image, 0, 5, "ABCDE", NULL);
+    writeTo(image, 6, 2, "G\x08", "\xFF\x0F");
     plcImageTake(image, taken);
     testOk(again(image, "ABCE" "E\0G\x08", joined, "\xFF\xFF\xFF\xFF\0\0\0\0"),
            "a value that differs is put again whole");
@@ -325,7 +331,7 @@ static void testOwedWhole(void)
            "but only bits where a part of its register is not ours");
     testOk(again(image, "ABCE" "E\0G\x08", NULL, "\0\0\0\x01\0\0\0\0"),
            "or where nobody says what a value is");
-    plcImageWrite(image, 5, 1, "\0", NULL);
+    writeTo(image, 5, 1, "\0", NULL);
     plcImageTake(image, taken);
     testOk(again(image, "ABCD" "E\1G\x08", joined, "\0\0\0\0\xFF\xFF\0\0"),
            "both bytes of a register together");
@@ -340,8 +346,8 @@ static void testOwed(void)
     testOk(plcImagePutAgain(image, "wxyz", NULL) == 0 && plcImagePutAgain(image, NULL, NULL) == 0 &&
                !plcImageDirty(image),
            "who has written nothing has nothing to put again");
-    plcImageWrite(image, 0, 2, "AB", NULL);
-    plcImageWrite(image, 3, 1, "\x02", "\x03");
+    writeTo(image, 0, 2, "AB", NULL);
+    writeTo(image, 3, 1, "\x02", "\x03");
     testOk(takes(image, "AB\0\x02", "\xFF\xFF\0\x03"), "written and taken");
     testOk(plcImagePutAgain(image, "AB\x55\xF2", NULL) == 0 && !plcImageDirty(image),
            "a PLC that shows it gets nothing");
@@ -356,11 +362,11 @@ static void testOwed(void)
     testOk(plcImageSet(image, 1, 1, "C", NULL, "D") == 0 &&
                plcImagePutAgain(image, "AA\0\x02", NULL) && takes(image, "AB\0\x02", "\0\x03\0\0"),
            "it is when another value was expected there");
-    plcImageWrite(image, 1, 1, "E", NULL);
+    writeTo(image, 1, 1, "E", NULL);
     testOk(plcImageSet(image, 1, 1, "\0", "\x0F", "E") == 1 && plcImagePutAgain(image, NULL, NULL) &&
                takes(image, "A\x40\0\x02", "\0\xF0\0\x03"),
            "bits that are set take only themselves out, also of what waits");
-    plcImageWrite(image, 2, 1, "z", NULL);
+    writeTo(image, 2, 1, "z", NULL);
     testOk(plcImagePutAgain(image, "A\x40z\x02", NULL) == 0 &&
                takes(image, "A\x40z\x02", "\0\0\xFF\0"),
            "what waits leaves in any case");
@@ -373,7 +379,7 @@ static void testOwed(void)
     plcImageDestroy(image);
 
     image = plcImageCreate(4);
-    plcImageWrite(image, 0, 4, "ABCD", NULL);
+    writeTo(image, 0, 4, "ABCD", NULL);
     testOk(plcImagePutAgain(image, NULL, NULL) == 0, "an image that keeps no puts has none to put again");
     plcImageDestroy(image);
 }
@@ -474,7 +480,7 @@ static int randomStep(plcImage *image, model *m)
     case 0:
     case 1:
         wrong =
-            plcImageWrite(image, offset, length, src, masked ? mask : NULL) == m->dirty;
+            writeTo(image, offset, length, src, masked ? mask : NULL) == m->dirty;
         modelPut(m, offset, length, src, mask, 1);
         m->dirty = 1;
         break;
@@ -595,7 +601,7 @@ static void writer(void *arg)
 
     for (i = 0; i < ROUNDS; i++) {
         memset(block, i & 0xFF, BLOCK);
-        plcImageWrite(r->out, 0, BLOCK, block, NULL);
+        writeTo(r->out, 0, BLOCK, block, NULL);
     }
 }
 
@@ -609,8 +615,8 @@ static void bitWriter(race *r, int number)
 
     for (i = 0; i < 2 * ROUNDS; i++) {
         value = (epicsUInt8)(i * 7);
-        plcImageWrite(r->out, (size_t)number, 1, &value, NULL);
-        plcImageWrite(r->out, WRITERS, 1, &value, &mask);
+        writeTo(r->out, (size_t)number, 1, &value, NULL);
+        writeTo(r->out, WRITERS, 1, &value, &mask);
     }
     epicsAtomicIncrIntT(&r->writersEnded);
 }

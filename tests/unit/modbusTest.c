@@ -554,9 +554,9 @@ static void sendOrders(world *w)
 
     for (i = 0; i < w->outSize; i++) {
         if (i % 2 == 0 && i + 1 < w->outSize && w->mask[i] == 0xff && w->mask[i + 1] == 0xff)
-            plcImageWrite(w->out, i, 2, w->image + i, NULL);
+            plcImageWrite(w->out, i, 2, w->image + i, NULL, NULL);
         else if (w->mask[i] && (i % 2 == 0 || w->mask[i] != 0xff || w->mask[i - 1] != 0xff))
-            plcImageWrite(w->out, i, 1, w->image + i, w->mask + i);
+            plcImageWrite(w->out, i, 1, w->image + i, w->mask + i, NULL);
     }
     plcModbusWrite(w->modbus);
     memset(w->mask, 0, sizeof(w->mask));

@@ -99,8 +99,7 @@ void pairWorldPut(pairWorld *w, epicsUInt32 word)
     char reason[PLC_REASON_SIZE];
 
     word = htonl(word);
-    (w->follows ? plcStationWriteFollower : plcStationWrite)(w->station, 0, sizeof(word), &word,
-                                                             NULL, reason);
+    plcStationPut(w->station, 0, sizeof(word), &word, NULL, reason, w->follows, NULL);
 }
 
 pairPeerSeen pairWorldSeen(pairWorld *w, int which)

@@ -388,5 +388,5 @@ void setOutput(plcStation *station, size_t offset, const char *hex)
     epicsUInt8 bytes[TEXT_MAX];
     size_t n = unhex(hex, bytes);
 
-    plcImageWrite(plcStationOutput(station), offset, n, bytes, NULL);
+    plcImageWrite(plcStationOutput(station), offset, n, bytes, NULL, NULL);
 }

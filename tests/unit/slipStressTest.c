@@ -207,7 +207,7 @@ static void putSometimes(void)
     if (below(3))
         return;
     makeWord(word, 0);
-    plcStationWriteFollower(w.station, 4 * below(2), 4, word, NULL, reason);
+    plcStationPut(w.station, 4 * below(2), 4, word, NULL, reason, 1, NULL);
 }
 
 /* Sends the bytes of a block in pieces, then waits for the time of the next. */

@@ -53,12 +53,6 @@ void plcImageInvalidate(plcImage *image, const char *reason);
 
 /* --- Output: records write, the station takes --------------------------------------- */
 
-/* Writes `length` bytes at `offset`, only the bits that are set in `mask` (NULL: all).
- * Returns 1 when this is the first write since plcImageTake, else 0; or -1 when the image
- * is closed: then nothing was written. */
-int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src,
-                  const void *mask);
-
 /* What became of a write. */
 typedef struct plcWritten {
     size_t takes;       /* how often the image had been taken just before, or will have been at
@@ -66,9 +60,11 @@ typedef struct plcWritten {
     epicsUInt64 number; /* of the put; 0: the image does not keep puts */
 } plcWritten;
 
-/* The same, and *written. */
-int plcImageWriteCounted(plcImage *image, size_t offset, size_t length, const void *src,
-                         const void *mask, plcWritten *written);
+/* Writes `length` bytes at `offset`, only the bits that are set in `mask` (NULL: all).
+ * Returns 1 when this is the first write since plcImageTake, else 0; or -1 when the image
+ * is closed: then nothing was written. written: may be NULL. */
+int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src,
+                  const void *mask, plcWritten *written);
 
 /* How often the image was taken, or handed over. */
 size_t plcImageTakes(plcImage *image);

@@ -10,7 +10,7 @@
 #include "plcHot.h"
 #include "plcReadback.h"
 
-/* Values of one place that may be under way at once; with more only patience tells. */
+/* Values of one place that may be under way at once; with more only time tells. */
 #define UNDER_WAY 8
 
 typedef struct place {
@@ -302,9 +302,9 @@ int plcReadbackWrite(plcReadback *r, plcImage *out, size_t offset, size_t length
     int status;
 
     if (!takesNotes(r))
-        return plcImageWriteCounted(out, offset, length, src, mask, written);
+        return plcImageWrite(out, offset, length, src, mask, written);
     epicsMutexMustLock(r->lock);
-    status = plcImageWriteCounted(out, offset, length, src, mask, written);
+    status = plcImageWrite(out, offset, length, src, mask, written);
     if (status >= 0)
         noteAll(r, out, offset, length, mask, written->takes, now);
     epicsMutexUnlock(r->lock);
@@ -360,18 +360,18 @@ static void advance(place *p, const epicsUInt8 *shown)
 }
 
 /* True when the PLC has had time enough since the put has left. */
-static int isOver(place *p, size_t takes, epicsUInt64 now, epicsUInt64 patience, int through)
+static int isOver(place *p, size_t takes, epicsUInt64 now, epicsUInt64 limit, int through)
 {
     if (!p->left && through && takes > p->takes) {
         p->left = 1;
         p->since = now;
     }
-    return p->left && now > p->since && now - p->since >= patience;
+    return p->left && now > p->since && now - p->since >= limit;
 }
 
 /* Returns 1 when the place took the PLC's value. */
 static unsigned trackPlace(plcReadback *r, place *p, const epicsUInt8 *shown, plcImage *out,
-                           size_t takes, epicsUInt64 now, epicsUInt64 patience, int through)
+                           size_t takes, epicsUInt64 now, epicsUInt64 limit, int through)
 {
     int same;
 
@@ -387,7 +387,7 @@ static unsigned trackPlace(plcReadback *r, place *p, const epicsUInt8 *shown, pl
     if (p->waits) {
         advance(p, shown);
         if ((same && p->reached == p->count && !p->many) ||
-            isOver(p, takes, now, patience, through))
+            isOver(p, takes, now, limit, through))
             setWaits(r, p, 0);
     }
     show(p, shown);
@@ -397,7 +397,7 @@ static unsigned trackPlace(plcReadback *r, place *p, const epicsUInt8 *shown, pl
 }
 
 unsigned plcReadbackTrack(plcReadback *r, const void *block, plcImage *out,
-                          epicsUInt64 now, epicsUInt64 patience, int through)
+                          epicsUInt64 now, epicsUInt64 limit, int through)
 {
     size_t takes = plcImageTakes(out);
     unsigned changed = 0;
@@ -406,7 +406,7 @@ unsigned plcReadbackTrack(plcReadback *r, const void *block, plcImage *out,
     epicsMutexMustLock(r->lock);
     for (p = (place *)ellFirst(&r->places); p; p = (place *)ellNext(&p->node))
         changed += trackPlace(r, p, (const epicsUInt8 *)block + p->in, out, takes, now,
-                              patience, through);
+                              limit, through);
     epicsMutexUnlock(r->lock);
     return changed;
 }

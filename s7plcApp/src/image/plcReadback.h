@@ -44,13 +44,13 @@ unsigned plcReadbackTakeNew(plcReadback *readback, const void *block, plcImage *
 /* --- Tracking: the image follows what the PLC shows from block to block -------------------
  *
  * After a put a place waits: it is left alone until the PLC has shown what was put, or for
- * `patience`. Each value that was put and has left may still be shown later, in its order;
+ * at most `limit`. Each value that was put and has left may still be shown later, in its order;
  * so a place that shows our value is only done when it has shown what was put before. */
 
 /* From now on (on = 1) puts are noted: before tracking begins. Any thread. */
 void plcReadbackNote(plcReadback *readback, int on);
 
-/* plcImageWriteCounted into the output image, and a note for the places that it touches.
+/* plcImageWrite into the output image, and a note for the places that it touches.
  * `now` is monotonic, ns. Any thread. */
 int plcReadbackWrite(plcReadback *readback, plcImage *out, size_t offset, size_t length,
                      const void *src, const void *mask, plcWritten *written, epicsUInt64 now);
@@ -68,10 +68,10 @@ void plcReadbackWait(plcReadback *readback, plcImage *out, epicsUInt64 now, int 
 unsigned plcReadbackWaiting(plcReadback *readback);
 
 /* What this block shows goes into the output image where no place waits. Called with every
- * block; now and patience in ns. `through`: all that was taken from the image so far has
- * reached the PLC. Patience begins when the put has left. Returns the number of places that
+ * block; now and limit in ns. `through`: all that was taken from the image so far has
+ * reached the PLC. The limit counts from when the put has left. Returns the number of places that
  * changed. */
 unsigned plcReadbackTrack(plcReadback *readback, const void *block, plcImage *out,
-                          epicsUInt64 now, epicsUInt64 patience, int through);
+                          epicsUInt64 now, epicsUInt64 limit, int through);
 
 #endif /* INC_plcReadback_H */

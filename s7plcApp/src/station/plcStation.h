@@ -124,7 +124,9 @@ typedef struct plcPutMark {
     int losses; /* of the connection before it */
 } plcPutMark;
 
-/* As plcStationWrite, or (follows) as plcStationWriteFollower, with the mark. */
+/* The same, with the mark (may be NULL). follows: to a place with a read-back; on each
+ * connection the PLC's value comes first, so that nothing of what was written before leaves
+ * with it. */
 int plcStationPut(plcStation *station, size_t offset, size_t length, const void *data,
                   const void *mask, char reason[PLC_REASON_SIZE], int follows,
                   plcPutMark *mark);
@@ -139,12 +141,6 @@ int plcStationThrough(plcStation *station, const plcPutMark *mark);
  * waits for one (plcStationAwait with 1, until the same with -1). */
 void plcStationOnThrough(plcStation *station, void (*through)(plcStation *station));
 void plcStationAwait(plcStation *station, int more);
-
-/* The same for a place with a read-back: on each connection the PLC's value comes first, so
- * that nothing of what was written before leaves with it. */
-int plcStationWriteFollower(plcStation *station, size_t offset, size_t length,
-                            const void *data, const void *mask,
-                            char reason[PLC_REASON_SIZE]);
 
 /* --- A second face of the station, beside the records (an asyn port) ---------------------- */
 
@@ -204,7 +200,6 @@ int plcStationTakes(plcStation *station);
  * shown yet the values of outputs with a read-back, or its layout id, or (a transport with
  * requests) what it holds. */
 int plcStationHeld(plcStation *station);
-const char *plcStationHeldReason(const plcStation *station); /* in words, for AMSG */
 
 /* follow(station) is called in a callback thread after the PLC came or went, after outputs
  * took values from it, after it refused or took a value that it had refused, and when there

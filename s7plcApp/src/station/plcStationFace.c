@@ -62,8 +62,11 @@ int plcStationPut(plcStation *s, size_t offset, size_t length, const void *data,
 {
     epicsUInt64 now = epicsMonotonicGet();
     plcWritten written;
+    plcPutMark ignored;
     int status;
 
+    if (!mark)
+        mark = &ignored;
     mark->losses = epicsAtomicGetIntT(&s->outLosses);
     status = plcReadbackWrite(s->readback, s->out, offset, length, data, mask, &written, now);
     reason[0] = 0;
@@ -84,7 +87,8 @@ int plcStationPut(plcStation *s, size_t offset, size_t length, const void *data,
     if (status > 0)
         plcStationWake(s);
     if (plcStationOutputConnected(s, reason) && !follows && plcStationHeld(s))
-        epicsSnprintf(reason, PLC_REASON_SIZE, "%s", plcStationHeldReason(s));
+        epicsSnprintf(reason, PLC_REASON_SIZE, "waits for the PLC's first %s",
+                      s->shows ? "answer" : "block");
     if (epicsAtomicGetIntT(&s->acknowledges))
         mark->number = written.number;
     return 0;
@@ -209,17 +213,7 @@ void plcStationOnTake(plcStation *s, void (*follow)(plcStation *station))
 int plcStationWrite(plcStation *s, size_t offset, size_t length, const void *data,
                     const void *mask, char reason[PLC_REASON_SIZE])
 {
-    plcPutMark mark;
-
-    return plcStationPut(s, offset, length, data, mask, reason, 0, &mark);
-}
-
-int plcStationWriteFollower(plcStation *s, size_t offset, size_t length, const void *data,
-                            const void *mask, char reason[PLC_REASON_SIZE])
-{
-    plcPutMark mark;
-
-    return plcStationPut(s, offset, length, data, mask, reason, 1, &mark);
+    return plcStationPut(s, offset, length, data, mask, reason, 0, NULL);
 }
 
 int plcStationTakes(plcStation *s)
@@ -230,11 +224,6 @@ int plcStationTakes(plcStation *s)
 int plcStationHeld(plcStation *s)
 {
     return epicsAtomicGetIntT(&s->waitsFirst);
-}
-
-const char *plcStationHeldReason(const plcStation *s)
-{
-    return s->shows ? "waits for the PLC's first answer" : "waits for the PLC's first block";
 }
 
 void plcStationTell(plcStation *s)
