@@ -1,10 +1,6 @@
-/* The interfaces of a port that move values: reads and writes, in the thread of the
- * caller.
- *
- * They copy bytes out of the input image and into the output image. They wait during iocInit,
- * for the first block, and where the wire acknowledges puts a write waits for the answer. */
+/* The interfaces of a port that move values: the functions that asyn calls, in the thread of
+ * the caller. Knows no image: what it reads and writes goes through plcAsynBytes.c. */
 #include <stdlib.h>
-#include <string.h>
 
 #include <alarm.h>
 #include <asynFloat32Array.h>
@@ -17,8 +13,6 @@
 #include <asynOctet.h>
 #include <asynUInt32Digital.h>
 #include <cantProceed.h>
-#include <epicsAtomic.h>
-#include <epicsStdio.h>
 
 #include "plcAsynPort.h"
 
@@ -28,151 +22,6 @@
 #endif
 
 #define ALL_BITS 0xFFFFFFFFu
-
-static void clearAlarm(asynUser *user)
-{
-    user->alarmStatus = user->alarmSeverity = 0;
-    user->auxStatus = asynSuccess;
-}
-
-/* --- Reading --------------------------------------------------------------------- */
-
-/* There is no valid data: why. */
-static asynStatus noData(plcAsynPort *port, asynUser *user)
-{
-    char reason[PLC_REASON_SIZE];
-    int connected = plcStationConnected(port->station, NULL);
-
-    plcImageReason(plcStationInput(port->station), reason);
-    return plcAsynFail(user, connected ? asynTimeout : asynDisconnected, COMM_ALARM,
-                       "%s: %s", port->name, reason);
-}
-
-static asynStatus readInput(plcAsynPort *port, asynUser *user, size_t offset,
-                            size_t length, void *bytes)
-{
-    plcFaults *faults = plcStationInFaults(port->station);
-    char reason[PLC_REASON_SIZE];
-
-    if (plcImageRead(plcStationInput(port->station), offset, length, bytes,
-                     &user->timestamp))
-        return noData(port, user);
-    if (faults && plcFaultsFind(faults, offset, length, NULL, reason))
-        return plcAsynFail(user, asynError, READ_ALARM, "%s: %s", port->name, reason);
-    return asynSuccess;
-}
-
-static int isZero(const char *bytes, size_t length)
-{
-    size_t i;
-
-    for (i = 0; i < length; i++)
-        if (bytes[i])
-            return 0;
-    return 1;
-}
-
-/* What an output holds: where the PLC shows it, the value that the PLC shows; else what
- * was written. Zeros that nobody has written are no value. */
-static asynStatus readOutput(plcAsynPort *port, asynUser *user, const plcAsynView *view,
-                             size_t length, void *bytes)
-{
-    plcImage *out = plcStationOutput(port->station);
-    int taken = plcStationTaken(port->station);
-    plcOptions options;
-
-    plcStationGetOptions(port->station, &options);
-    if (view->hasReadback && !((options.track || options.sync) && taken))
-        return readInput(port, user, view->readback, length, bytes);
-    plcImagePeek(out, view->offset, length, bytes);
-    epicsTimeGetCurrent(&user->timestamp);
-    if (!(view->follows && taken) && isZero(bytes, length))
-        return plcAsynFail(user, asynError, UDF_ALARM, "%s: not written yet", port->name);
-    return asynSuccess;
-}
-
-/* The first `length` bytes of the view's value, in wire order. */
-static asynStatus readBytes(plcAsynPort *port, asynUser *user, const plcAsynView *view,
-                            size_t length, void *bytes)
-{
-    clearAlarm(user);
-    asynPrint(user, ASYN_TRACE_FLOW, "%s read %s \"%s\"\n", port->name,
-              plcAsynFaceName(view->face), view->place->text);
-    if (epicsAtomicGetIntT(&port->off))
-        return plcAsynFail(user, asynDisconnected, COMM_ALARM,
-                           "%s: disconnected by a user", port->name);
-    if (view->place->output) {
-        plcAsynWaitFirst(port, view);
-        return readOutput(port, user, view, length, bytes);
-    }
-    return readInput(port, user, view->offset, length, bytes);
-}
-
-/* --- Writing --------------------------------------------------------------------- */
-
-/* Until the PLC has taken or refused the put, or is lost. asyn's thread of the port, or who
- * has locked the port: one at a time. */
-static void waitThrough(plcAsynPort *port, const plcPutMark *mark)
-{
-    plcStation *station = port->station;
-
-    while (!plcStationThrough(station, mark) && !epicsAtomicGetIntT(&port->stop))
-        plcWakeWait(&port->through, PLC_WAKE_NEVER);
-}
-
-/* Puts bytes into the output image, only the bits in mask (NULL: all). */
-static asynStatus writeBytes(plcAsynPort *port, asynUser *user, plcAsynView *view,
-                             size_t length, const epicsUInt8 *bytes,
-                             const epicsUInt8 *mask)
-{
-    char reason[PLC_REASON_SIZE];
-    plcPutMark put;
-    int status;
-
-    asynPrintIO(user, ASYN_TRACE_FLOW, (const char *)bytes, length,
-                "%s write %s \"%s\"\n", port->name, plcAsynFaceName(view->face),
-                view->place->text);
-    if (epicsAtomicGetIntT(&port->off))
-        return plcAsynFail(user, asynDisconnected, COMM_ALARM,
-                           "%s: disconnected by a user", port->name);
-    plcAsynWriteBegins(port, view, user);
-    status = plcStationPut(port->station, view->offset, length, bytes, mask, reason,
-                           view->follows, &put);
-    if (!status && !reason[0] && view->follows && !plcStationTaken(port->station))
-        epicsSnprintf(reason, sizeof(reason), "waiting for the PLC's value");
-    plcAsynWriteEnds(port, view, user, bytes, mask, length,
-                     status      ? -1
-                     : reason[0] ? 1
-                                 : 0);
-    if (status)
-        return plcAsynFail(user, asynError, WRITE_ALARM, "%s: refused: %s", port->name,
-                           reason);
-    if (!reason[0] && put.number && port->blocks) {
-        waitThrough(port, &put);
-        plcStationOutputConnected(port->station, reason);
-    }
-    if (reason[0])
-        return plcAsynFail(user, asynDisconnected, COMM_ALARM, "%s: kept for later: %s",
-                           port->name, reason);
-    if (view->faults && plcFaultsFind(view->faults, view->offset, length, mask, reason))
-        return plcAsynFail(user, asynError, WRITE_ALARM, "%s: %s", port->name, reason);
-    return asynSuccess;
-}
-
-/* The view for a write. NULL with the message when the place is not for writing. */
-static plcAsynView *outputOf(plcAsynPort *port, asynUser *user, plcAsynFace face)
-{
-    plcAsynView *view = plcAsynViewOf(port, user, face);
-
-    clearAlarm(user);
-    epicsTimeGetCurrent(&user->timestamp);
-    if (!view || view->place->output)
-        return view;
-    plcAsynFail(user, asynError, WRITE_ALARM,
-                "%s \"%s\" is in the input block; to write: \"out %s\"", port->name,
-                view->place->text, view->place->text);
-    return NULL;
-}
 
 /* --- asynInt32, asynInt64, asynUInt32Digital, asynFloat64 ------------------------ */
 
@@ -185,7 +34,7 @@ static asynStatus readInt(plcAsynPort *port, asynUser *user, plcAsynFace face,
 
     if (!view)
         return asynError;
-    status = readBytes(port, user, view, view->length, bytes);
+    status = plcAsynRead(port, user, view, view->length, bytes);
     if (status == asynSuccess)
         *value = plcAsynGetInt(view, bytes);
     return status;
@@ -194,7 +43,7 @@ static asynStatus readInt(plcAsynPort *port, asynUser *user, plcAsynFace face,
 static asynStatus writeInt(plcAsynPort *port, asynUser *user, plcAsynFace face,
                            epicsInt64 value, epicsUInt32 digitalMask)
 {
-    plcAsynView *view = outputOf(port, user, face);
+    plcAsynView *view = plcAsynOutputOf(port, user, face);
     epicsUInt8 bytes[PLC_ASYN_SCALAR], bits[PLC_ASYN_SCALAR];
     const epicsUInt8 *mask = NULL;
     char error[80];
@@ -209,7 +58,7 @@ static asynStatus writeInt(plcAsynPort *port, asynUser *user, plcAsynFace face,
         plcPutInt(view->type, bits, view->order, (epicsInt64)digitalMask);
         mask = bits;
     }
-    return writeBytes(port, user, view, view->length, bytes, mask);
+    return plcAsynWrite(port, user, view, view->length, bytes, mask);
 }
 
 /* L and H, for LINR=LINEAR; 0 and 0, which leave the scale alone, where they do not fit.
@@ -365,7 +214,7 @@ static asynStatus readFloat64(void *pvt, asynUser *user, epicsFloat64 *value)
 
     if (!view)
         return asynError;
-    status = readBytes(pvt, user, view, view->length, bytes);
+    status = plcAsynRead(pvt, user, view, view->length, bytes);
     if (status == asynSuccess)
         *value = plcAsynGetReal(view, bytes);
     return status;
@@ -374,7 +223,7 @@ static asynStatus readFloat64(void *pvt, asynUser *user, epicsFloat64 *value)
 static asynStatus writeFloat64(void *pvt, asynUser *user, epicsFloat64 value)
 {
     plcAsynPort *port = pvt;
-    plcAsynView *view = outputOf(port, user, plcAsynFloat64);
+    plcAsynView *view = plcAsynOutputOf(port, user, plcAsynFloat64);
     epicsUInt8 bytes[PLC_ASYN_SCALAR];
     char error[80];
 
@@ -382,7 +231,7 @@ static asynStatus writeFloat64(void *pvt, asynUser *user, epicsFloat64 value)
         return asynError;
     if (plcAsynPutReal(view, value, bytes, error, sizeof(error)))
         return plcAsynFail(user, asynError, WRITE_ALARM, "%s: %s", port->name, error);
-    return writeBytes(port, user, view, view->length, bytes,
+    return plcAsynWrite(port, user, view, view->length, bytes,
                       view->bit < 0 ? NULL : view->mask);
 }
 
@@ -417,7 +266,7 @@ static asynStatus readOctet(void *pvt, asynUser *user, char *data, size_t max,
     if (!view)
         return asynError;
     bytes = mallocMustSucceed(view->length + 1, "s7plcAsyn");
-    status = readBytes(pvt, user, view, view->length, bytes);
+    status = plcAsynRead(pvt, user, view, view->length, bytes);
     if (status == asynSuccess)
         *got = plcAsynGetText(view, bytes, view->length, data, max);
     free(bytes);
@@ -428,7 +277,7 @@ static asynStatus writeOctet(void *pvt, asynUser *user, const char *data, size_t
                              size_t *wrote)
 {
     plcAsynPort *port = pvt;
-    plcAsynView *view = outputOf(port, user, plcAsynOctet);
+    plcAsynView *view = plcAsynOutputOf(port, user, plcAsynOctet);
     asynStatus status;
     epicsUInt8 *bytes;
 
@@ -441,7 +290,7 @@ static asynStatus writeOctet(void *pvt, asynUser *user, const char *data, size_t
                            port->name, view->place->text);
     bytes = mallocMustSucceed(view->length + 1, "s7plcAsyn");
     plcAsynPutText(view, data, length, bytes);
-    status = writeBytes(port, user, view, view->length, bytes, NULL);
+    status = plcAsynWrite(port, user, view, view->length, bytes, NULL);
     free(bytes);
     if (status == asynSuccess)
         *wrote = length;
@@ -496,7 +345,7 @@ static asynStatus readArray(plcAsynPort *port, asynUser *user, plcAsynFace face,
     n = view->length / view->type->size;
     n = n < max ? n : max;
     bytes = mallocMustSucceed(n * view->type->size + 1, "s7plcAsyn");
-    status = readBytes(port, user, view, n * view->type->size, bytes);
+    status = plcAsynRead(port, user, view, n * view->type->size, bytes);
     if (status == asynSuccess) {
         plcAsynGetArray(view, bytes, values, n);
         *got = n;
@@ -508,7 +357,7 @@ static asynStatus readArray(plcAsynPort *port, asynUser *user, plcAsynFace face,
 static asynStatus writeArray(plcAsynPort *port, asynUser *user, plcAsynFace face,
                              const void *values, size_t n)
 {
-    plcAsynView *view = outputOf(port, user, face);
+    plcAsynView *view = plcAsynOutputOf(port, user, face);
     asynStatus status;
     epicsUInt8 *bytes;
 
@@ -523,7 +372,7 @@ static asynStatus writeArray(plcAsynPort *port, asynUser *user, plcAsynFace face
         return asynSuccess;
     bytes = mallocMustSucceed(n * view->type->size, "s7plcAsyn");
     plcAsynPutArray(view, values, bytes, n);
-    status = writeBytes(port, user, view, n * view->type->size, bytes, NULL);
+    status = plcAsynWrite(port, user, view, n * view->type->size, bytes, NULL);
     free(bytes);
     return status;
 }

@@ -204,7 +204,7 @@ void plcAsynWriteBegins(plcAsynPort *port, plcAsynView *view, asynUser *user)
 
 /* It shows what it wrote. */
 static void wrote(plcAsynUser *u, const epicsUInt8 *bytes, const epicsUInt8 *mask,
-                  size_t length, epicsUInt64 patience)
+                  size_t length, epicsUInt64 olderUntil)
 {
     size_t i;
 
@@ -212,21 +212,21 @@ static void wrote(plcAsynUser *u, const epicsUInt8 *bytes, const epicsUInt8 *mas
         u->value[i] = (epicsUInt8)(mask ? (u->value[i] & ~mask[i]) | (bytes[i] & mask[i])
                                         : bytes[i]);
     u->told = 1;
-    u->patience = patience;
+    u->olderUntil = olderUntil;
 }
 
 void plcAsynWriteEnds(plcAsynPort *port, plcAsynView *view, asynUser *user,
                       const epicsUInt8 *bytes, const epicsUInt8 *mask, size_t length,
                       int outcome)
 {
-    epicsUInt64 patience = 0;
+    epicsUInt64 olderUntil = 0;
     plcOptions options;
     ELLNODE *node;
     int wake = 0;
 
     if (view->follows) {
         plcStationGetOptions(port->station, &options);
-        patience =
+        olderUntil =
             epicsMonotonicGet() + PATIENCE_NS + (epicsUInt64)(options.sendInterval * 1e6);
     }
     epicsMutexMustLock(port->lock);
@@ -240,7 +240,7 @@ void plcAsynWriteEnds(plcAsynPort *port, plcAsynView *view, asynUser *user,
         u->refused = outcome < 0;
         u->away = outcome > 0;
         if (outcome >= 0)
-            wrote(u, bytes, mask, length, patience);
+            wrote(u, bytes, mask, length, olderUntil);
     }
     epicsMutexUnlock(port->lock);
     if (wake)
@@ -362,14 +362,14 @@ static int isNews(const pass *p, plcAsynUser *u, const epicsUInt8 *bytes, int sh
     if (!shownByPlc)
         return !same;
     if (same)
-        u->patience = 0; /* it has arrived */
+        u->olderUntil = 0; /* it has arrived */
     if (same || sameBytes(bytes, u->shown, u->mask, length)) {
         memcpy(u->shown, bytes, length);
         return 0;
     }
-    if (p->now < u->patience && u->patience < p->port->look)
-        p->port->look = u->patience;
-    return p->now >= u->patience;
+    if (p->now < u->olderUntil && u->olderUntil < p->port->look)
+        p->port->look = u->olderUntil;
+    return p->now >= u->olderUntil;
 }
 
 /* The bytes an output has to be told, or NULL. */

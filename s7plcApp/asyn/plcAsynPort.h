@@ -110,7 +110,7 @@ typedef struct plcAsynUser {
     int refused; /* its last write was refused: it gets the PLC's value, with the alarm */
     int away;    /* its last write waits for the PLC: its alarm has to end */
     int writing; /* a write of its own is under way */
-    epicsUInt64 patience; /* until then the PLC may still show an older value; ns */
+    epicsUInt64 olderUntil; /* until then the PLC may still show an older value; ns */
     epicsUInt8 *mask;     /* of outputs of single bits, else NULL */
     epicsUInt8 maskBytes[PLC_ASYN_SCALAR];
     epicsUInt8 *value; /* of outputs: the bytes that it shows, when told */
@@ -154,7 +154,21 @@ void plcAsynFirst(void);
 void plcAsynFirstBegin(void);
 void plcAsynFirstAtMost(double ms);
 
-/* --- plcAsynIo.c: reads and writes, in the caller's thread ----------------------- */
+/* --- plcAsynBytes.c: bytes of images, in the caller's thread ---------------------- */
+
+/* The first `length` bytes of the view's value, in wire order, with the time stamp in user. */
+asynStatus plcAsynRead(plcAsynPort *port, asynUser *user, const plcAsynView *view,
+                       size_t length, void *bytes);
+
+/* The view for a write. NULL with the message when the place is not for writing. */
+plcAsynView *plcAsynOutputOf(plcAsynPort *port, asynUser *user, plcAsynFace face);
+
+/* Puts bytes into the output image, only the bits in mask (NULL: all). Waits for the answer
+ * where the wire acknowledges puts. */
+asynStatus plcAsynWrite(plcAsynPort *port, asynUser *user, plcAsynView *view, size_t length,
+                        const epicsUInt8 *bytes, const epicsUInt8 *mask);
+
+/* --- plcAsynIo.c: the interfaces, in the caller's thread -------------------------- */
 
 /* Registers the interfaces with asyn. Returns 0 or -1. */
 int plcAsynIoRegister(plcAsynPort *port);
