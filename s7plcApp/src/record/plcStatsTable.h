@@ -1,5 +1,5 @@
-/* The statistics of a station by name: one table for the records of DTYP "S7plc stats",
- * for their error messages and for the documentation.
+/* The statistics of a station by name: one table for the records of DTYP "S7plc stats" and
+ * their error messages. docs/statistics.md says what each means.
  *
  * Knows stations and their counters, but no record type.
  */
@@ -34,9 +34,7 @@ struct plcStatRow {
     plcStatKind kind;
     void (*get)(const plcStatRow *row, plcStation *station, const plcStats *stats,
                 plcStatValue *value);
-    size_t field;     /* in plcStats, for `get` */
-    const char *unit; /* "ms", "" */
-    const char *help;
+    size_t field; /* in plcStats, for `get` */
 };
 
 /* All of them; ends with a row whose name is NULL. */
