@@ -36,7 +36,7 @@ void simEipConnectionsInit(simEipConnections *all, size_t most)
     all->seed = 0x5EED0000u;
 }
 
-void simEipConnectionEnd(simEipConnection *connection)
+static void endConnection(simEipConnection *connection)
 {
     free(connection->answer);
     memset(connection, 0, sizeof(*connection));
@@ -47,7 +47,7 @@ void simEipConnectionsClear(simEipConnections *all)
     size_t i;
 
     for (i = 0; i < SIM_EIP_CONNECTIONS; i++)
-        simEipConnectionEnd(&all->list[i]);
+        endConnection(&all->list[i]);
 }
 
 void simEipConnectionsFree(simEipConnections *all)
@@ -65,7 +65,7 @@ void simEipConnectionsExpire(simEipConnections *all, double now)
         if (!connection->used || now - connection->heard <= connection->timeout)
             continue;
         all->timedOut++;
-        simEipConnectionEnd(connection);
+        endConnection(connection);
     }
 }
 
@@ -109,7 +109,8 @@ simEipConnection *simEipConnectionTriad(simEipConnections *all, unsigned serial,
     return NULL;
 }
 
-simEipConnection *simEipConnectionNew(simEipConnections *all)
+/* A free one with an id of its own; NULL when there are too many. */
+static simEipConnection *newConnection(simEipConnections *all)
 {
     simEipConnection *connection = NULL;
     size_t i;
@@ -271,7 +272,7 @@ void simEipForwardOpen(simEipController *c, const simEipOrigin *origin,
         return;
     }
     extended = checkOpening(c, &o, isLarge, &limit);
-    connection = extended ? NULL : simEipConnectionNew(&c->connections);
+    connection = extended ? NULL : newConnection(&c->connections);
     if (!connection) {
         refuse(c, &o, extended ? extended : TOO_MANY, limit, answer);
         return;
@@ -326,7 +327,7 @@ void simEipForwardClose(simEipController *c, const simEipRequest *request,
     if (!connection || answer->status)
         return;
     c->connections.closed++;
-    simEipConnectionEnd(connection);
+    endConnection(connection);
 }
 
 /* ---- Unconnected_Send ---- */

@@ -43,7 +43,6 @@ void simEipConnectionsExpire(simEipConnections *all, double now);
 /* The TCP connection of this client is gone; its CIP connections live on. */
 void simEipConnectionsLeave(simEipConnections *all, unsigned client);
 size_t simEipConnectionsCount(const simEipConnections *all);
-void simEipConnectionEnd(simEipConnection *connection);
 /* All end, as when the power goes. */
 void simEipConnectionsClear(simEipConnections *all);
 
@@ -52,9 +51,6 @@ simEipConnection *simEipConnectionFind(simEipConnections *all, epicsUInt32 toTar
 /* By its triad. */
 simEipConnection *simEipConnectionTriad(simEipConnections *all, unsigned serial,
                                         unsigned vendor, epicsUInt32 originator);
-/* A free one with an id of its own; NULL when there are too many. */
-simEipConnection *simEipConnectionNew(simEipConnections *all);
-
 struct simEipController;
 struct simEipRequest;
 struct simEipAnswer;

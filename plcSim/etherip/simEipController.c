@@ -54,7 +54,7 @@ void simEipControllerDownload(simEipController *c, int shift)
 
 /* ---- requests and answers ---- */
 
-int simEipRequestParse(simEipRequest *request, const epicsUInt8 *bytes, size_t size)
+static int parseRequest(simEipRequest *request, const epicsUInt8 *bytes, size_t size)
 {
     memset(request, 0, sizeof(*request));
     if (size < 2)
@@ -292,7 +292,7 @@ size_t simEipServe(simEipController *c, const simEipOrigin *origin,
     simEipAnswer answer;
     simEipRequest request;
     simEipPath path;
-    int status = simEipRequestParse(&request, bytes, size);
+    int status = parseRequest(&request, bytes, size);
 
     answer.status = 0;
     answer.extendedCount = 0;
@@ -335,7 +335,7 @@ static void walkMultiple(const simEipRequest *request, walkFn fn, void *arg)
         simEipRequest inner;
         simEipPath path;
 
-        if (!simEipRequestParse(&inner, data + from, to - from) &&
+        if (!parseRequest(&inner, data + from, to - from) &&
             !simEipPathParse(&path, inner.path, inner.pathSize))
             fn(arg, &inner, &path);
     }
@@ -349,7 +349,7 @@ void simEipWalk(const epicsUInt8 *bytes, size_t size, walkFn fn, void *arg)
     epicsUInt32 instance;
     size_t length;
 
-    if (simEipRequestParse(&request, bytes, size) ||
+    if (parseRequest(&request, bytes, size) ||
         simEipPathParse(&path, request.path, request.pathSize))
         return;
     simEipPathObject(&path, &class, &instance);

@@ -93,9 +93,6 @@ void simEipControllerFree(simEipController *c);
 /* All ids change, those of structures too; `shift`: old ones mean other tags then. */
 void simEipControllerDownload(simEipController *c, int shift);
 
-/* Takes a request apart. Returns a general status. */
-int simEipRequestParse(simEipRequest *request, const epicsUInt8 *bytes, size_t size);
-
 /* Serves a request, and makes an answer of at most `limit` bytes at out (SIM_EIP_ANSWER
  * bytes). Returns its size. */
 size_t simEipServe(simEipController *c, const simEipOrigin *origin,

@@ -201,7 +201,7 @@ static const char *address(const void *server)
 {
     const simEipServer *s = server;
 
-    return s->eip.loop ? simListenerAddress(&s->eip.clients.listener) : NULL;
+    return simClientsAddress(&s->eip.clients);
 }
 
 static void onPower(void *server, int on)
@@ -236,8 +236,7 @@ static void onUnplug(void *server, int on)
 {
     simEipServer *s = server;
 
-    if (s->eip.loop)
-        simClientsUnplug(&s->eip.clients, on);
+    simClientsUnplug(&s->eip.clients, on);
 }
 
 static void onNormal(void *server, int value)
@@ -246,8 +245,7 @@ static void onNormal(void *server, int value)
 
     (void)value;
     simEipFaultsClear(&s->eip.controller.faults);
-    if (s->eip.loop)
-        simClientsRefuse(&s->eip.clients, 0);
+    simClientsRefuse(&s->eip.clients, 0);
 }
 
 static void status(const void *server, simText *out)
@@ -287,21 +285,12 @@ static int eipClear(simCall *c)
 
 static int eipRefuse(simCall *c)
 {
-    int on;
-
-    c->words++;
-    c->count--;
-    if (simCallOnOff(c, &on))
-        return -1;
-    simClientsRefuse(&eipOf(c)->clients, on);
-    return 0;
+    return simCallRefuse(c, &eipOf(c)->clients);
 }
 
 static int eipClose(simCall *c)
 {
-    simClientsDrop(&eipOf(c)->clients, !strcasecmp(c->words[0], "reset"),
-                   "ended at the console");
-    return 0;
+    return simCallClose(c, &eipOf(c)->clients);
 }
 
 /* As if every connection had been silent for too long; TCP stays. */
@@ -420,12 +409,7 @@ static int eipHelp(simCall *c)
     return 0;
 }
 
-static const struct word {
-    const char *name;
-    size_t max; /* words, with the name */
-    simCommandFn fn;
-    int logged;
-} words[] = {
+static const simCallWord words[] = {
     {"help",     1,             eipHelp,     0},
     {"received", 2,             eipReceived, 0},
     {"clear",    1,             eipClear,    0},
@@ -446,19 +430,15 @@ static const struct word {
 /* Without a word: the status. `close` with more words, and the rest, are faults. */
 static int doEtherip(simCall *c)
 {
-    size_t i;
+    int status;
 
     if (!c->count) {
         simEipStatus(eipOf(c), c->out);
         return 0;
     }
-    for (i = 0; i < sizeof(words) / sizeof(words[0]); i++) {
-        if (strcasecmp(c->words[0], words[i].name) || c->count > words[i].max)
-            continue;
-        if (words[i].logged)
-            simCallLog(c, "etherip");
-        return words[i].fn(c);
-    }
+    status = simCallWords(c, "etherip", words, sizeof(words) / sizeof(words[0]));
+    if (status != SIM_NO_WORD)
+        return status;
     if (!simEipFaultKnown(c->words[0]))
         return simCallFail(c, "\"%.40s\": etherip help lists what is allowed",
                            c->words[0]);

@@ -93,9 +93,9 @@ void simEipStatus(const simEip *eip, simText *out)
     }
     connectionsText(eip, out);
     countsText(eip, out);
-    simTextAdd(out, "etherip faults:%s%s", eip->clients.refuse ? " refuse" : "",
-               eip->clients.unplugged ? " unplugged" : "");
-    simEipFaultsText(&c->faults, out);
+    simTextAdd(out, "etherip faults:");
+    if (!simClientsFaults(&eip->clients, out) || c->faults.count)
+        simEipFaultsText(&c->faults, out);
     simTextAdd(out, "\n");
 }
 

@@ -30,11 +30,6 @@ static simModbus *modbusOf(const simClient *client)
     return client->all->server;
 }
 
-int simModbusDrop(simModbus *modbus, int reset, const char *reason)
-{
-    return simClientsDrop(&modbus->clients, reset, reason);
-}
-
 /* ---- requests ---- */
 
 static void remember(simClient *client, const simRequest *request, int result)
@@ -202,33 +197,6 @@ void simModbusClose(simModbus *modbus)
     modbus->loop = NULL;
 }
 
-const char *simModbusAddress(const simModbus *modbus)
-{
-    return simListenerAddress(&modbus->clients.listener);
-}
-
-void simModbusPower(simModbus *modbus, int on)
-{
-    if (modbus->loop)
-        simClientsPower(&modbus->clients, on);
-}
-
-void simModbusUnplug(simModbus *modbus, int on)
-{
-    if (!modbus->loop)
-        return;
-    modbus->faults.unplugged = on;
-    simClientsUnplug(&modbus->clients, on);
-}
-
-void simModbusRefuse(simModbus *modbus, int on)
-{
-    if (!modbus->loop)
-        return;
-    modbus->faults.refuse = on;
-    simClientsRefuse(&modbus->clients, on);
-}
-
 /* ---- looking ---- */
 
 void simModbusClearCounts(simModbus *modbus)
@@ -269,7 +237,7 @@ void simModbusStatus(const simModbus *modbus, simText *out)
 
     if (!modbus->loop)
         return;
-    simTextAdd(out, "modbus: address=%s", simModbusAddress(modbus));
+    simTextAdd(out, "modbus: address=%s", simClientsAddress(&modbus->clients));
     if (modbus->unit >= 0)
         simTextAdd(out, " unit=%d", modbus->unit);
     else
@@ -292,7 +260,8 @@ void simModbusStatus(const simModbus *modbus, simText *out)
     }
     countsText(&modbus->counts, out);
     simTextAdd(out, "modbus faults:");
-    simModbusFaultsText(&modbus->faults, out);
+    if (!simClientsFaults(&modbus->clients, out) || modbus->faults.count)
+        simModbusFaultsText(&modbus->faults, out);
     simTextAdd(out, "\n");
 }
 

@@ -55,18 +55,6 @@ int simModbusOpen(simModbus *modbus, simLoop *loop, const char *name, const char
 /* Ends everything but the map and the configuration; may be opened again. */
 void simModbusClose(simModbus *modbus);
 
-/* "127.0.0.1:40124"; static text. */
-const char *simModbusAddress(const simModbus *modbus);
-
-/* Ends all connections with FIN, or with RST. Returns how many. */
-int simModbusDrop(simModbus *modbus, int reset, const char *reason);
-/* PLC off: connections reset, no listening. PLC on again. */
-void simModbusPower(simModbus *modbus, int on);
-/* The network cable: nothing is read or sent, new connections get no answer. */
-void simModbusUnplug(simModbus *modbus, int on);
-/* New connections get RST. */
-void simModbusRefuse(simModbus *modbus, int on);
-
 /* All counts, and the list of requests, begin anew. */
 void simModbusClearCounts(simModbus *modbus);
 /* Adds lines that begin with "modbus", their values as name=value. */

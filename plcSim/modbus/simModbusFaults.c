@@ -315,12 +315,8 @@ void simModbusFaultsText(const simModbusFaults *faults, simText *out)
 {
     size_t i;
 
-    if (faults->unplugged)
-        simTextAdd(out, " unplugged");
-    if (faults->refuse)
-        simTextAdd(out, " refuse");
     for (i = 0; i < faults->count; i++)
         ruleText(&faults->rules[i], out);
-    if (!faults->count && !faults->unplugged && !faults->refuse)
+    if (!faults->count)
         simTextAdd(out, " none");
 }

@@ -37,7 +37,6 @@ typedef struct simModbusRule {
 typedef struct simModbusFaults {
     simModbusRule rules[SIM_MODBUS_RULES]; /* oldest first */
     size_t count;
-    int refuse, unplugged;
 } simModbusFaults;
 
 /* What happens to one request. */

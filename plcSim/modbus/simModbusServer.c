@@ -96,21 +96,21 @@ static const char *address(const void *server)
 {
     const simModbusServer *s = server;
 
-    return s->modbus.loop ? simModbusAddress(&s->modbus) : NULL;
+    return simClientsAddress(&s->modbus.clients);
 }
 
 static void onPower(void *server, int on)
 {
     simModbusServer *s = server;
 
-    simModbusPower(&s->modbus, on);
+    simClientsPower(&s->modbus.clients, on);
 }
 
 static void onUnplug(void *server, int on)
 {
     simModbusServer *s = server;
 
-    simModbusUnplug(&s->modbus, on);
+    simClientsUnplug(&s->modbus.clients, on);
 }
 
 static void onNormal(void *server, int value)
@@ -119,7 +119,7 @@ static void onNormal(void *server, int value)
 
     (void)value;
     simModbusFaultsClear(&s->modbus.faults);
-    simModbusRefuse(&s->modbus, 0);
+    simClientsRefuse(&s->modbus.clients, 0);
 }
 
 static void status(const void *server, simText *out)
@@ -151,20 +151,12 @@ static int modbusReceived(simCall *c)
 
 static int modbusRefuse(simCall *c)
 {
-    int on;
-
-    c->words++;
-    c->count--;
-    if (simCallOnOff(c, &on))
-        return -1;
-    simModbusRefuse(modbusOf(c), on);
-    return 0;
+    return simCallRefuse(c, &modbusOf(c)->clients);
 }
 
 static int modbusClose(simCall *c)
 {
-    simModbusDrop(modbusOf(c), !strcasecmp(c->words[0], "reset"), "ended at the console");
-    return 0;
+    return simCallClose(c, &modbusOf(c)->clients);
 }
 
 static int modbusNormal(simCall *c)
@@ -198,12 +190,7 @@ static int modbusHelp(simCall *c)
     return 0;
 }
 
-static const struct word {
-    const char *name;
-    size_t max; /* words, with the name */
-    simCommandFn fn;
-    int logged;
-} words[] = {
+static const simCallWord words[] = {
     {"help",     1, modbusHelp,     0},
     {"received", 2, modbusReceived, 0},
     {"clear",    1, modbusClear,    0},
@@ -217,19 +204,15 @@ static const struct word {
 static int doModbus(simCall *c)
 {
     simModbus *modbus = modbusOf(c);
-    size_t i;
+    int status;
 
     if (!c->count) {
         simModbusStatus(modbus, c->out);
         return 0;
     }
-    for (i = 0; i < sizeof(words) / sizeof(words[0]); i++) {
-        if (strcasecmp(c->words[0], words[i].name) || c->count > words[i].max)
-            continue;
-        if (words[i].logged)
-            simCallLog(c, "modbus");
-        return words[i].fn(c);
-    }
+    status = simCallWords(c, "modbus", words, sizeof(words) / sizeof(words[0]));
+    if (status != SIM_NO_WORD)
+        return status;
     if (!simModbusFaultKnown(c->words[0]))
         return simCallFail(c,
                            "\"%.40s\": allowed are exception, busy, slow, silent, "

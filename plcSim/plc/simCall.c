@@ -103,3 +103,35 @@ void simCallLog(const simCall *c, const char *name)
     simLog(c->plc->name, "> %s%.200s", name, text.text ? text.text : "");
     simTextFree(&text);
 }
+
+int simCallWords(simCall *c, const char *command, const simCallWord *rows, size_t count)
+{
+    size_t i;
+
+    for (i = 0; i < count; i++) {
+        if (strcasecmp(c->words[0], rows[i].name) || c->count > rows[i].max)
+            continue;
+        if (rows[i].logged)
+            simCallLog(c, command);
+        return rows[i].fn(c);
+    }
+    return SIM_NO_WORD;
+}
+
+int simCallRefuse(simCall *c, simClients *clients)
+{
+    int on;
+
+    c->words++;
+    c->count--;
+    if (simCallOnOff(c, &on))
+        return -1;
+    simClientsRefuse(clients, on);
+    return 0;
+}
+
+int simCallClose(simCall *c, simClients *clients)
+{
+    simClientsDrop(clients, !strcasecmp(c->words[0], "reset"), "ended at the console");
+    return 0;
+}

@@ -8,6 +8,7 @@
 
 #include <stddef.h>
 
+#include "simClients.h"
 #include "simLog.h"
 #include "simulator.h"
 
@@ -33,6 +34,22 @@ typedef struct simCommand {
     const char *usage;
     const char *help;
 } simCommand;
+
+/* A word behind a command: `modbus close`. */
+typedef struct simCallWord {
+    const char *name;
+    size_t max; /* words, with the name */
+    simCommandFn fn;
+    int logged;
+} simCallWord;
+
+/* Calls what the first word of `command` asks for. Returns what that returns, or
+ * SIM_NO_WORD where none of the rows fits. */
+#define SIM_NO_WORD 1
+int simCallWords(simCall *c, const char *command, const simCallWord *rows, size_t count);
+/* Words that all servers with clients have: refuse [on|off]; close, reset. */
+int simCallRefuse(simCall *c, simClients *clients);
+int simCallClose(simCall *c, simClients *clients);
 
 /* Writes the reason why a command was refused. Returns -1. */
 int simCallFail(simCall *c, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);

@@ -14,7 +14,6 @@
 #include <cantProceed.h>
 
 #include "simClients.h"
-#include "simLog.h"
 
 #define MAX_QUEUED 65536u /* bytes that a client may leave unread */
 #define READ_ROUNDS 4     /* reads per call, so that a fast client leaves time */
@@ -81,18 +80,13 @@ void simClientDrop(simClient *client, int reset, const char *reason)
     free(client);
 }
 
-int simClientsDrop(simClients *all, int reset, const char *reason)
+void simClientsDrop(simClients *all, int reset, const char *reason)
 {
-    int count = 0;
     int i;
 
-    for (i = 0; i < SIM_MAX_CLIENTS; i++) {
-        if (!all->list[i])
-            continue;
-        simClientDrop(all->list[i], reset, reason);
-        count++;
-    }
-    return count;
+    for (i = 0; i < SIM_MAX_CLIENTS; i++)
+        if (all->list[i])
+            simClientDrop(all->list[i], reset, reason);
 }
 
 static void takeClient(void *owner, int fd, const char *peer)
@@ -289,10 +283,18 @@ void simClientsClose(simClients *all)
 {
     simClientsDrop(all, 0, "the simulator ends");
     simListenerClose(&all->listener);
+    all->loop = NULL;
+}
+
+const char *simClientsAddress(const simClients *all)
+{
+    return all->loop ? simListenerAddress(&all->listener) : NULL;
 }
 
 void simClientsPower(simClients *all, int on)
 {
+    if (!all->loop)
+        return;
     if (!on)
         simClientsDrop(all, 1, "PLC off");
     simListenerPower(&all->listener, on);
@@ -302,7 +304,7 @@ void simClientsUnplug(simClients *all, int on)
 {
     int i;
 
-    if (all->unplugged == on)
+    if (!all->loop || all->unplugged == on)
         return;
     all->unplugged = on;
     simListenerUnplug(&all->listener, on);
@@ -313,8 +315,15 @@ void simClientsUnplug(simClients *all, int on)
 
 void simClientsRefuse(simClients *all, int on)
 {
-    if (all->refuse == on)
+    if (!all->loop || all->refuse == on)
         return;
     all->refuse = on;
     simListenerRefuse(&all->listener, on);
+}
+
+int simClientsFaults(const simClients *all, simText *out)
+{
+    simTextAdd(out, "%s%s", all->unplugged ? " unplugged" : "",
+               all->refuse ? " refuse" : "");
+    return all->unplugged + all->refuse;
 }

@@ -13,6 +13,7 @@
 #include <epicsTypes.h>
 
 #include "simListener.h"
+#include "simLog.h"
 
 #define SIM_MAX_CLIENTS 32
 #define SIM_CLIENT_GONE (-1L)
@@ -59,14 +60,19 @@ int simClientsOpen(simClients *all, simLoop *loop, const char *name, const char 
                    const char *address, unsigned port);
 void simClientsClose(simClients *all);
 
-/* Ends all connections with FIN, or with RST. Returns how many. */
-int simClientsDrop(simClients *all, int reset, const char *reason);
+/* Those below do nothing where nothing was opened. */
+/* "127.0.0.1:40124"; static text; NULL: not open. */
+const char *simClientsAddress(const simClients *all);
+/* Ends all connections with FIN, or with RST. */
+void simClientsDrop(simClients *all, int reset, const char *reason);
 /* PLC off: connections reset, no listening. PLC on again. */
 void simClientsPower(simClients *all, int on);
 /* The network cable: nothing is read or sent, new connections get no answer. */
 void simClientsUnplug(simClients *all, int on);
 /* New connections get RST. */
 void simClientsRefuse(simClients *all, int on);
+/* Adds " unplugged" and " refuse". Returns how many of them there are. */
+int simClientsFaults(const simClients *all, simText *out);
 
 /* Queues bytes (NULL = random ones) that leave `delay` s later; with `last` the
  * connection ends behind them. They leave when the loop comes round. */

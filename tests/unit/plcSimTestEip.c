@@ -10,39 +10,25 @@
 #include <epicsUnitTest.h>
 #include <testMain.h>
 
-#include "simConfig.h"
+#include "plcSimBuilt.h"
 #include "simEipServer.h"
-#include "simLog.h"
-#include "simLoop.h"
-#include "simPlc.h"
-#include "simServers.h"
 
 static simLoop loop;
-static simConfig config;
-static simPlc plc;
-static simEipController *c; /* of plc */
-static simText messages;
+static plcSimBuilt built;
+static simEipController *c; /* of its server */
 
 static int build(const char *text)
 {
-    simEipServer *server;
-    int errors;
+    int errors = plcSimBuild(&built, &loop, text);
+    simEipServer *server = simPlcServerOf(&built.plc, &simEipServerType);
 
-    simLoopInit(&loop);
-    simConfigInit(&config);
-    simServersKeys(&config);
-    errors = simConfigReadText(&config, "t.plc", text, &messages);
-    errors += simPlcBuild(&plc, &loop, &config, simServers, "PLC", &messages);
-    server = simPlcServerOf(&plc, &simEipServerType);
     c = &server->eip.controller;
     return errors;
 }
 
 static void dismantle(void)
 {
-    simPlcFree(&plc);
-    simConfigFree(&config);
-    simTextFree(&messages);
+    plcSimDismantle(&built);
 }
 
 #define ON "port = off\nbyteorder = little\netherip_port = 0\n"
@@ -276,10 +262,10 @@ static void testServed(void)
 {
     size_t i;
 
-    testOk(build(plant) == 0, "a plant: %s", messages.text ? messages.text : "built");
+    testOk(build(plant) == 0, "a plant: %s", built.messages.text ? built.messages.text : "built");
     for (i = 0; i < sizeof(served) / sizeof(served[0]); i++)
         row(&connected, LIMIT, served[i].what, served[i].request, served[i].answer);
-    testOk(!memcmp(simMemoryFind(&plc.memory, SIM_AREA_DB, 10)->bytes, "\x11\x22\x33\x44",
+    testOk(!memcmp(simMemoryFind(&built.plc.memory, SIM_AREA_DB, 10)->bytes, "\x11\x22\x33\x44",
                    4),
            "what was written to a tag in PLC memory is in its data block");
     dismantle();

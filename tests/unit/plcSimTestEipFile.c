@@ -8,40 +8,26 @@
 #include <epicsUnitTest.h>
 #include <testMain.h>
 
-#include "simConfig.h"
+#include "plcSimBuilt.h"
 #include "simEipServer.h"
 #include "simEipValue.h"
-#include "simLog.h"
-#include "simLoop.h"
-#include "simPlc.h"
-#include "simServers.h"
 
 static simLoop loop;
-static simConfig config;
-static simPlc plc;
-static simEipController *c; /* of plc */
-static simText messages;
+static plcSimBuilt built;
+static simEipController *c; /* of its server */
 
 static int build(const char *text)
 {
-    simEipServer *server;
-    int errors;
+    int errors = plcSimBuild(&built, &loop, text);
+    simEipServer *server = simPlcServerOf(&built.plc, &simEipServerType);
 
-    simLoopInit(&loop);
-    simConfigInit(&config);
-    simServersKeys(&config);
-    errors = simConfigReadText(&config, "t.plc", text, &messages);
-    errors += simPlcBuild(&plc, &loop, &config, simServers, "PLC", &messages);
-    server = simPlcServerOf(&plc, &simEipServerType);
     c = &server->eip.controller;
     return errors;
 }
 
 static void dismantle(void)
 {
-    simPlcFree(&plc);
-    simConfigFree(&config);
-    simTextFree(&messages);
+    plcSimDismantle(&built);
 }
 
 /* ---- the file ---- */
@@ -103,10 +89,10 @@ static void testBad(void)
     for (i = 0; i < sizeof(bad) / sizeof(bad[0]); i++) {
         int errors = build(bad[i].text);
 
-        testOk(errors >= 1 && messages.text && strstr(messages.text, bad[i].message),
+        testOk(errors >= 1 && built.messages.text && strstr(built.messages.text, bad[i].message),
                "%s: %.*s", bad[i].what,
-               messages.text ? (int)strcspn(messages.text, "\n") : 4,
-               messages.text ? messages.text : "none");
+               built.messages.text ? (int)strcspn(built.messages.text, "\n") : 4,
+               built.messages.text ? built.messages.text : "none");
         dismantle();
     }
 }

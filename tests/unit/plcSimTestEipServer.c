@@ -13,43 +13,29 @@
 #include <epicsUnitTest.h>
 #include <testMain.h>
 
+#include "plcSimBuilt.h"
 #include "plcSimClient.h"
-#include "simConfig.h"
 #include "simEipFrame.h"
 #include "simEipServer.h"
-#include "simLog.h"
-#include "simPlc.h"
-#include "simServers.h"
 
-static simConfig config;
-static simPlc plc;
-static simEip *eip; /* of plc */
+static plcSimBuilt built;
+static simEip *eip; /* of its server */
 
 static void setUp(const char *more)
 {
-    simText out = {NULL, 0, 0};
     char text[500];
 
     snprintf(text, sizeof(text),
              "port = off\nbyteorder = little\netherip_port = 0\nperiod = 5 ms\n"
              "tag D DINT = 0x11223344\ntag I INT[1000]\n%s",
              more);
-    simLoopInit(&clientLoop);
-    simConfigInit(&config);
-    simServersKeys(&config);
-    if (simConfigReadText(&config, "t.plc", text, &out) ||
-        simPlcBuild(&plc, &clientLoop, &config, simServers, "PLC", &out) ||
-        simPlcStart(&plc, "127.0.0.1", NULL))
-        testAbort("%s", out.text ? out.text : "cannot listen");
-    eip = &((simEipServer *)simPlcServerOf(&plc, &simEipServerType))->eip;
-    simTextFree(&out);
+    plcSimStart(&built, &clientLoop, text);
+    eip = &((simEipServer *)simPlcServerOf(&built.plc, &simEipServerType))->eip;
 }
 
 static void tearDown(void)
 {
-    simPlcStop(&plc);
-    simPlcFree(&plc);
-    simConfigFree(&config);
+    plcSimDismantle(&built);
     simLoopFree(&clientLoop);
 }
 

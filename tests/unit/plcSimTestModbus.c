@@ -10,37 +10,25 @@
 #include <epicsUnitTest.h>
 #include <testMain.h>
 
-#include "simConfig.h"
-#include "simLog.h"
-#include "simLoop.h"
+#include "plcSimBuilt.h"
 #include "simModbusServer.h"
-#include "simPlc.h"
-#include "simServers.h"
 
 static simLoop loop;
-static simConfig config;
-static simPlc plc;
-static simModbus *modbus; /* of plc */
-static simText messages;
+static plcSimBuilt built;
+static simModbus *modbus; /* of its server */
 
 static int build(const char *text)
 {
-    int errors;
+    int errors = plcSimBuild(&built, &loop, text);
+    simModbusServer *server = simPlcServerOf(&built.plc, &simModbusServerType);
 
-    simLoopInit(&loop);
-    simConfigInit(&config);
-    simServersKeys(&config);
-    errors = simConfigReadText(&config, "t.plc", text, &messages);
-    errors += simPlcBuild(&plc, &loop, &config, simServers, "PLC", &messages);
-    modbus = &((simModbusServer *)simPlcServerOf(&plc, &simModbusServerType))->modbus;
+    modbus = &server->modbus;
     return errors;
 }
 
 static void dismantle(void)
 {
-    simPlcFree(&plc);
-    simConfigFree(&config);
-    simTextFree(&messages);
+    plcSimDismantle(&built);
 }
 
 /* ---- the file ---- */
@@ -94,10 +82,10 @@ static void testBad(void)
     for (i = 0; i < sizeof(bad) / sizeof(bad[0]); i++) {
         int errors = build(bad[i].text);
 
-        testOk(errors >= 1 && messages.text && strstr(messages.text, bad[i].message),
+        testOk(errors >= 1 && built.messages.text && strstr(built.messages.text, bad[i].message),
                "%s: %.*s", bad[i].what,
-               messages.text ? (int)strcspn(messages.text, "\n") : 4,
-               messages.text ? messages.text : "none");
+               built.messages.text ? (int)strcspn(built.messages.text, "\n") : 4,
+               built.messages.text ? built.messages.text : "none");
         dismantle();
     }
 }
@@ -233,7 +221,7 @@ static void testExchanges(void)
     size_t i;
 
     if (build(AREAS) || simAnswererOpen(&modbus->answerer, &modbus->map, "PLC"))
-        testAbort("%s", messages.text);
+        testAbort("%s", built.messages.text);
     for (i = 0; i < sizeof(exchanges) / sizeof(exchanges[0]); i++)
         testAsk(exchanges[i].what, exchanges[i].request, exchanges[i].answer);
     simAnswererClose(&modbus->answerer);
@@ -244,13 +232,13 @@ static void testLittleEndian(void)
 {
     if (build("byteorder = little\n" AREAS) ||
         simAnswererOpen(&modbus->answerer, &modbus->map, "PLC"))
-        testAbort("%s", messages.text);
-    testOk(!memcmp(simMemoryFind(&plc.memory, SIM_AREA_DB, 10)->bytes, "\x02\x01\x04\x03",
+        testAbort("%s", built.messages.text);
+    testOk(!memcmp(simMemoryFind(&built.plc.memory, SIM_AREA_DB, 10)->bytes, "\x02\x01\x04\x03",
                    4),
            "a little endian PLC has the low byte first");
     testAsk("and Modbus the high one", "03 0000 0002", "03 04 0102 0304");
     testAsk("FC6", "06 0001 abcd", "06 0001 abcd");
-    testOk(!memcmp(simMemoryFind(&plc.memory, SIM_AREA_DB, 10)->bytes, "\x02\x01\xcd\xab",
+    testOk(!memcmp(simMemoryFind(&built.plc.memory, SIM_AREA_DB, 10)->bytes, "\x02\x01\xcd\xab",
                    4),
            "writes the low byte first");
     testAsk("coils are the same bits", "01 0000 0005", "01 01 15");
@@ -295,7 +283,7 @@ static void testLimits(void)
     if (build("modbus_port = 0\ndb 10 4000\nmodbus holding 0 2000 -> DB10.0\n"
               "modbus coils 0 32000 -> DB10.0\n") ||
         simAnswererOpen(&modbus->answerer, &modbus->map, "PLC"))
-        testAbort("%s", messages.text);
+        testAbort("%s", built.messages.text);
     for (i = 0; i < sizeof(rows) / sizeof(rows[0]); i++) {
         size_t size = writeFrame(rows[i].function, rows[i].count, rows[i].bytes, bytes);
         size_t got = ask(bytes, size, answer);

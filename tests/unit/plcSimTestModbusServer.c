@@ -17,20 +17,15 @@
 #include <epicsUnitTest.h>
 #include <testMain.h>
 
+#include "plcSimBuilt.h"
 #include "plcSimClient.h"
-#include "simConfig.h"
-#include "simLog.h"
 #include "simModbusServer.h"
-#include "simPlc.h"
-#include "simServers.h"
 
-static simConfig config;
-static simPlc plc;
-static simModbus *modbus; /* of plc */
+static plcSimBuilt built;
+static simModbus *modbus; /* of its server */
 
 static void setUp(const char *more)
 {
-    simText out = {NULL, 0, 0};
     char text[500];
 
     snprintf(text, sizeof(text),
@@ -38,22 +33,13 @@ static void setUp(const char *more)
              "modbus holding 0 150 -> DB10.0\ninit DB10.DBW0 0x0102\n"
              "tx DB10.DBD0 -> 0\n%s",
              more);
-    simLoopInit(&clientLoop);
-    simConfigInit(&config);
-    simServersKeys(&config);
-    if (simConfigReadText(&config, "t.plc", text, &out) ||
-        simPlcBuild(&plc, &clientLoop, &config, simServers, "PLC", &out) ||
-        simPlcStart(&plc, "127.0.0.1", NULL))
-        testAbort("%s", out.text ? out.text : "cannot listen");
-    modbus = &((simModbusServer *)simPlcServerOf(&plc, &simModbusServerType))->modbus;
-    simTextFree(&out);
+    plcSimStart(&built, &clientLoop, text);
+    modbus = &((simModbusServer *)simPlcServerOf(&built.plc, &simModbusServerType))->modbus;
 }
 
 static void tearDown(void)
 {
-    simPlcStop(&plc);
-    simPlcFree(&plc);
-    simConfigFree(&config);
+    plcSimDismantle(&built);
     simLoopFree(&clientLoop);
 }
 
@@ -115,9 +101,9 @@ static void testPieces(void)
     testOk(clientHears(fd, TOLD), "and the third, whose rest comes later");
     clientSay(fd, "00 01 00 00 00 0b 01 10 00 00 00 02 04 11 12 13 14");
     testOk(clientHears(fd, "00 01 00 00 00 06 01 10 00 00 00 02"), "a write is answered");
-    UNTIL(!memcmp(plc.tx->bytes, "\x11\x12\x13\x14", 4));
-    testOk(!memcmp(plc.tx->bytes, "\x11\x12\x13\x14", 4), "and PACK_TX_DB sees it");
-    memcpy(plc.memory.blocks[4]->bytes, "\x01\x02", 2);
+    UNTIL(!memcmp(built.plc.tx->bytes, "\x11\x12\x13\x14", 4));
+    testOk(!memcmp(built.plc.tx->bytes, "\x11\x12\x13\x14", 4), "and PACK_TX_DB sees it");
+    memcpy(built.plc.memory.blocks[4]->bytes, "\x01\x02", 2);
     testOk(works(fd), "what the HMI sets is read");
     close(fd);
     UNTIL(modbus->clients.count == 0);
@@ -221,9 +207,9 @@ static void testDeaf(void)
            "of %ld requests whose answers are not read, only %lu are taken", asked,
            (unsigned long)modbus->counts.requests);
     testOk(works(other), "another client is served all the same");
-    blocks = plc.block;
-    UNTIL(plc.block > blocks + 3);
-    testOk(plc.block > blocks + 3, "and blocks go on");
+    blocks = built.plc.block;
+    UNTIL(built.plc.block > blocks + 3);
+    testOk(built.plc.block > blocks + 3, "and blocks go on");
     while (heard < asked && clientHear(deaf, answer, 259) == 259 && answer[7] == 3)
         heard++;
     testOk(heard == asked, "when it reads, it gets all its answers (%ld)", heard);
@@ -309,18 +295,18 @@ static void testPower(void)
     int late, n;
 
     works(fd);
-    simModbusDrop(modbus, 0, "test");
+    simClientsDrop(&modbus->clients, 0, "test");
     testOk(clientHearsEnd(fd) == ENDED, "close");
     close(fd);
     fd = openClient();
     works(fd);
-    simModbusDrop(modbus, 1, "test");
+    simClientsDrop(&modbus->clients, 1, "test");
     testOk(clientHearsEnd(fd) == WAS_RESET, "reset");
     close(fd);
 
     fd = openClient();
     works(fd);
-    simModbusUnplug(modbus, 1);
+    simClientsUnplug(&modbus->clients, 1);
     clientSay(fd, ASK);
     late = socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
     n = connect(late, (struct sockaddr *)&modbus->clients.listener.address,
@@ -330,22 +316,22 @@ static void testPower(void)
     for (n = 0; n < 10; n++)
         clientTurn();
     testOk(recv(fd, &n, 1, MSG_DONTWAIT) < 0 && errno == EAGAIN, "nor does a request");
-    simModbusUnplug(modbus, 0);
+    simClientsUnplug(&modbus->clients, 0);
     testOk(clientHears(fd, TOLD), "plugged: it does");
     testOk(freshWorks(), "and new connections come through");
 
-    simPlcRestart(&plc, 0.01, 0);
+    simPlcRestart(&built.plc, 0.01, 0);
     testOk(clientHearsEnd(fd) == WAS_RESET, "a restart resets the connection");
-    UNTIL(!plc.off);
+    UNTIL(!built.plc.off);
     testOk(freshWorks(), "and then the PLC is there again, at its port");
     close(fd);
-    simModbusRefuse(modbus, 1);
+    simClientsRefuse(&modbus->clients, 1);
     late = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
     n = connect(late, (struct sockaddr *)&modbus->clients.listener.address,
                 sizeof(modbus->clients.listener.address));
     testOk(n < 0 && errno == ECONNREFUSED, "refuse");
     close(late);
-    simModbusRefuse(modbus, 0);
+    simClientsRefuse(&modbus->clients, 0);
     testOk(freshWorks(), "refuse off");
 }
 
