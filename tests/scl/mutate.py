@@ -4,7 +4,9 @@ A mutant is (where, what was changed, the new text). Nothing here knows what the
 """
 import re
 
-from .parse import parse, tokens
+from . import texts
+from .compile import Program
+from .parse import SclError, parse, tokens
 
 SWAPS = {"=": "<>", "<>": "=", "<": "<=", ">": ">=", "<=": "<", ">=": ">", "+": "-", "-": "+",
          "AND": "OR", "OR": "AND", "TRUE": "FALSE", "FALSE": "TRUE", "SRC": "DST", "DST": "SRC",
@@ -12,6 +14,27 @@ SWAPS = {"=": "<>", "<>": "=", "<": "<=", ">": ">=", "<=": "<", ">=": ">", "+": 
          "DWORD": "DINT", "TIME": "S5TIME", "BOOL": "BYTE", "IE_RX": "IE_TX", "IE_TX": "IE_RX",
          "IE_ACC": "IE_RX", "DB_TX_PTRS": "DB_RX_PTRS", "DB_RX_PTRS": "DB_TX_PTRS",
          "TON": "TOF", "PERIOD": "WATCHDOG", "WATCHDOG": "PERIOD", "EXIT": "CONTINUE"}
+
+
+def tried(text, step, survives):
+    """Each `step`-th mutant: how many do not compile, how many do not survive, and (what, pos) of
+    those that do. survives(text, program)."""
+    refused = noticed = 0
+    left = []
+    for number, (pos, what, mutant) in enumerate(mutants(text)):
+        if number % step:
+            continue
+        try:
+            program = Program(mutant, texts.symbols(mutant))
+        except SclError:
+            refused += 1
+            continue
+        if survives(mutant, program):
+            left.append((what, pos))
+        else:
+            noticed += 1
+    print(f"{refused} refused, {noticed} noticed, {len(left)} without effect")
+    return refused, noticed, left
 
 
 def mutants(text):

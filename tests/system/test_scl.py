@@ -282,20 +282,6 @@ def test_mutants():
     PLCLINK_MUTANTS: each how-manieth is tried, 7 by default; 1 takes 20 s.
     """
     step = int(os.environ.get("PLCLINK_MUTANTS", "7"))
-    refused = failed = 0
-    left = []
-    for number, (pos, what, text) in enumerate(mutate.mutants(DOCUMENT)):
-        if number % step:
-            continue
-        try:
-            program = Program(text, texts.symbols(text))
-        except SclError:
-            refused += 1
-            continue
-        if alive(program):
-            left.append((what, pos))
-        else:
-            failed += 1
-    print(f"{refused} refused, {failed} noticed, {len(left)} without effect")
+    refused, failed, left = mutate.tried(DOCUMENT, step, lambda text, program: alive(program))
     assert [spot for spot in left if spot[0] not in HARMLESS] == []
     assert refused + failed >= 300 // step - 5 and len(left) <= HARMLESS_COUNT

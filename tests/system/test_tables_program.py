@@ -332,21 +332,9 @@ def test_mutants(step):
     PLCLINK_MUTANTS: each how-manieth is tried, 101 by default here; 1 takes ten minutes.
     """
     number = int(os.environ.get("PLCLINK_MUTANTS", "101"))
-    refused = failed = 0
-    left = []
-    for index, (pos, what, text) in enumerate(mutate.mutants(TEXT)):
-        if index % number:
-            continue
-        try:
-            program = Program(text, texts.symbols(text))
-        except SclError:
-            refused += 1
-            continue
-        if survives(text, program, step):
-            left.append((what, TEXT.splitlines()[pos[0] - 1].strip()))
-        else:
-            failed += 1
-    print(f"{refused} refused, {failed} noticed, {len(left)} without effect")
+    refused, failed, left = mutate.tried(TEXT, number,
+                                         lambda text, program: survives(text, program, step))
+    left = [(what, TEXT.splitlines()[pos[0] - 1].strip()) for what, pos in left]
     assert [spot for spot in left if not any(part in spot[1] for part in HARMLESS)] == []
     assert refused + failed >= 4 * len(left)
 

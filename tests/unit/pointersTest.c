@@ -5,27 +5,7 @@
 #include <epicsUnitTest.h>
 #include <testMain.h>
 
-#include "plcPointers.h"
-
-static plcPointers *read(const char *text, char *error, size_t size)
-{
-    FILE *file = tmpfile();
-    plcPointers *table;
-
-    if (!file)
-        testAbort("no temporary file");
-    fputs(text, file);
-    rewind(file);
-    error[0] = 0;
-    table = plcPointersRead(file, error, size);
-    fclose(file);
-    return table;
-}
-
-static const char goodFile[] = "# plant\nlayout 0x1201\n"
-                               "rx 4 -> P#DB10.DBX0.0 BYTE 8 Temp Speed\n"
-                               "tx P#DB10.DBX0.0 BYTE 8 -> 16 Temp Speed # here\n"
-                               "TX P#M100.0 byte 2 -> 24\n";
+#include "pointersText.h"
 
 static void goodFiles(void)
 {

@@ -13,35 +13,13 @@
 #include <epicsUnitTest.h>
 #include <testMain.h>
 
-#include "plcPointers.h"
+#include "pointersText.h"
 #include "plcSync.h"
 #include "plcTables.h"
 #include "simTables.h"
 
 #define IN 48
 #define OUT 32
-
-/* --- Tables from text ------------------------------------------------------------------*/
-
-static plcPointers *read(const char *text, char *error, size_t size)
-{
-    FILE *file = tmpfile();
-    plcPointers *table;
-
-    if (!file)
-        testAbort("no temporary file");
-    fputs(text, file);
-    rewind(file);
-    error[0] = 0;
-    table = plcPointersRead(file, error, size);
-    fclose(file);
-    return table;
-}
-
-static const char goodFile[] = "# plant\nlayout 0x1201\n"
-                               "rx 4 -> P#DB10.DBX0.0 BYTE 8 Temp Speed\n"
-                               "tx P#DB10.DBX0.0 BYTE 8 -> 16 Temp Speed # here\n"
-                               "TX P#M100.0 byte 2 -> 24\n";
 
 /* --- Single events ----------------------------------------------------------------------*/
 
@@ -200,7 +178,7 @@ static void blocks(void)
 }
 
 /* A PLC that does not answer: begun anew, then given up with ABORT, until it connects. */
-static void patience(void)
+static void noAnswer(void)
 {
     shown s = {10, 1, 3, 0, 0, 0, 0, 5, 4};
     epicsUInt8 in[IN], out[OUT];
@@ -336,7 +314,7 @@ static int act(world *w, int a)
             return 0;
         pop(&w->toIoc, block);
         plcTablesBlock(&w->ioc, block, 1);
-        w->ioc.patience = 0; /* else it counts without end */
+        w->ioc.unchanged = 0; /* else it counts without end */
         return 1;
     case 2: /* the IOC sends */
         if (!w->connected || w->toPlc.count == ROOM || !w->ioc.command)
@@ -636,7 +614,7 @@ MAIN(tablesTest)
     ourSize = table->size;
     singleEvents();
     blocks();
-    patience();
+    noAnswer();
     walk(argc > 1 ? atoi(argv[1]) : 7, 400000);
     arithmetic();
     plcPointersFree(table);

@@ -10,7 +10,7 @@
 
 /* Blocks of the PLC without a change of its status, after which we begin anew: 10 s at
  * 100 ms. And so many times we do it on one connection. */
-#define PATIENCE 100
+#define UNCHANGED_MAX 100
 #define ATTEMPTS 3
 
 /* clang-format off */
@@ -64,7 +64,8 @@ const char *plcTablesStateName(int state)
     return state >= 0 && state <= plcTablesRefused ? stateNames[state] : "?";
 }
 
-const char *plcTablesErrorText(int error)
+/* Of an error that a PLC tells (byte 6). */
+static const char *errorText(int error)
 {
     size_t i;
 
@@ -169,7 +170,7 @@ static void begin(plcTables *t)
     } else {
         become(t, plcTablesBeginning, "table is being downloaded");
         t->attempts++;
-        t->patience = 0;
+        t->unchanged = 0;
         t->done = t->length = 0;
         t->session = t->plc.session % 255 + 1;
         t->command = plcTablesBegin;
@@ -188,7 +189,7 @@ static void goOn(plcTables *t)
 
 static void refused(plcTables *t)
 {
-    const char *text = plcTablesErrorText(t->plc.error);
+    const char *text = errorText(t->plc.error);
 
     become(t, plcTablesRefused, text);
     if (t->plc.error > 0 && t->plc.error < 20)
@@ -219,14 +220,14 @@ static void answer(plcTables *t)
 /* One block of a PLC while a download runs. */
 static void download(plcTables *t, int changed)
 {
-    t->patience = changed ? 0 : t->patience + 1;
+    t->unchanged = changed ? 0 : t->unchanged + 1;
     if (!t->remote)
         begin(t); /* which waits for REMOTE */
     else if (t->plc.session == t->session)
         answer(t);
     else if (t->state != plcTablesBeginning)
         begin(t); /* another one loads, or the PLC has restarted */
-    if (t->patience >= PATIENCE)
+    if (t->unchanged >= UNCHANGED_MAX)
         begin(t);
 }
 

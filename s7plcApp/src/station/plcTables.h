@@ -5,20 +5,22 @@
  * file. Times are counted in blocks of the PLC. The PLC checks what it gets and decides;
  * until it has taken a whole good table it works with the one it had.
  *
- *   PLC -> IOC, flag MAP (8) in byte 0           IOC -> PLC, flag TABLE (4) in byte 0,
- * and 4 version, 1                              neither CHECK nor DATA 5 state, plcMap...
- * 4 command, plcTablesCommand 6 error, plcTablesErrorText()                5 session 7
- * row of the error, TX rows first            6..7 offset of the piece in the table 8..11
- * CRC-32 of the table in use             8..9 length of the piece, 1 ... 12..13 byte of
- * the table that is next        10..11 0 14
- * session                                   12.. the piece; with COMMIT the CRC-32 15
- * rows possible / 8, 0 = locked 16.. data
+ *   PLC -> IOC, flag MAP (8) in byte 0     IOC -> PLC, flag TABLE (4) in byte 0, neither
+ *                                          CHECK nor DATA
+ *    4      version, 1                      4      command, plcTablesCommand
+ *    5      state, plcMap...                5      session
+ *    6      error, see errorText            6..7   offset of the piece in the table
+ *    7      row of the error, TX rows first 8..9   length of the piece, 1 ...
+ *    8..11  CRC-32 of the table in use     10..11  0
+ *   12..13  byte of the table that is next 12..    the piece; with COMMIT the CRC-32
+ *   14      session
+ *   15      rows possible / 8, 0 = locked
+ *   16..    data
  *
  * Numbers are in the byte order of the station. The table itself is big-endian always:
  *
  *      0..1 layout id   2..3 rows TX   4..5 rows RX   6..9 CRC-32, counted as 0
- *     10..  20 bytes for each row: ANY pointer of the source, of the destination; TX
- * first
+ *     10..  20 bytes for each row: ANY pointer of the source, of the destination; TX first
  */
 #ifndef INC_plcTables_H
 #define INC_plcTables_H
@@ -78,7 +80,7 @@ typedef struct plcTables {
     unsigned done;   /* bytes that the PLC has */
     unsigned length; /* bytes of the part under way */
     int session;
-    unsigned patience; /* blocks since the PLC's status last changed */
+    unsigned unchanged; /* blocks since the PLC's status last changed */
     unsigned attempts; /* to download, without an answer that makes sense */
     int remote;        /* of the PLC's last block */
     plcTablesStatus plc;
@@ -110,8 +112,5 @@ int plcTablesPack(plcTables *tables, void *block, int bigEndian);
 int plcTablesProgress(const plcTables *tables);
 
 const char *plcTablesStateName(int state);
-
-/* Of an error that a PLC tells (byte 6). */
-const char *plcTablesErrorText(int error);
 
 #endif /* INC_plcTables_H */
