@@ -39,7 +39,7 @@ static epicsUInt64 longest(const pairRole *r, unsigned which)
 }
 
 /* How long this PLC may be silent: so many intervals and a margin. */
-static epicsUInt64 patience(const pairRole *r, unsigned which, double intervals)
+static epicsUInt64 silentAtMost(const pairRole *r, unsigned which, double intervals)
 {
     epicsUInt64 interval = longest(r, which);
 
@@ -48,25 +48,26 @@ static epicsUInt64 patience(const pairRole *r, unsigned which, double intervals)
     return (epicsUInt64)(intervals * interval) + interval / 16 + MARGIN_NS;
 }
 
-/* One interval; more with each claim it refuted, up to two when both send. */
-epicsUInt64 pairRoleDue(const pairRole *r)
+/* When the PRIMARY is overdue, and a claim succeeds: after one interval; after more with each
+ * claim it refuted, up to two when both send. */
+static epicsUInt64 overdueAt(const pairRole *r)
 {
     unsigned refuted = r->plc[!r->leader].refuted;
     double intervals = refuted < REFUTED ? 1 + (double)refuted / REFUTED : 2;
 
-    return r->plc[r->leader].lastBlock + patience(r, r->leader, intervals);
+    return r->plc[r->leader].lastBlock + silentAtMost(r, r->leader, intervals);
 }
 
 int pairRoleMissed(const pairRole *r)
 {
     return r->switchovers && r->reason == pairSilent &&
-           r->duration > patience(r, !r->leader, 2);
+           r->duration > silentAtMost(r, !r->leader, 2);
 }
 
 /* When a PLC that does not lead counts as quiet again. */
 static epicsUInt64 quietAt(const pairRole *r, unsigned which)
 {
-    return r->plc[which].lastBlock + patience(r, which, 3);
+    return r->plc[which].lastBlock + silentAtMost(r, which, 3);
 }
 
 /* --- What happens ------------------------------------------------------------------- */
@@ -101,7 +102,7 @@ static void noteInterval(pairRole *r, unsigned which, epicsUInt64 now)
 
     if (m->lastBlock && !leads && now > quietAt(r, which))
         m->refuted = 0;
-    if (m->lastBlock && (leads || now - m->lastBlock <= patience(r, which, 2)))
+    if (m->lastBlock && (leads || now - m->lastBlock <= silentAtMost(r, which, 2)))
         m->interval[m->intervals++ % PAIR_INTERVALS] = now - m->lastBlock;
     m->lastBlock = now;
 }
@@ -153,7 +154,7 @@ static void settle(pairRole *r, epicsUInt64 now)
     if (r->leader == pairNobody)
         return;
     other = !r->leader;
-    if (r->plc[other].claims && now >= pairRoleDue(r))
+    if (r->plc[other].claims && now >= overdueAt(r))
         lead(r, other, pairSilent, r->plc[r->leader].lastBlock, now);
     else if (r->twoPrimaries && now > quietAt(r, other))
         forgetClaims(r);
@@ -164,7 +165,7 @@ static void nextTick(const pairRole *r, epicsUInt64 *wake)
     if (r->leader == pairNobody)
         return;
     if (r->plc[!r->leader].claims)
-        *wake = pairRoleDue(r);
+        *wake = overdueAt(r);
     else if (r->twoPrimaries)
         *wake = quietAt(r, !r->leader) + 1;
 }

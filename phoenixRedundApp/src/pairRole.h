@@ -12,7 +12,7 @@
  *      PRIMARY is overdue: silent for longer than its longest interval of late (and a
  *      sixteenth and 1 ms more). That is at once when the PRIMARY has fallen silent
  *      before; else when its next block does not come in time. A block of the PRIMARY
- *      refutes the claim, and earns it a third of an interval more patience next time.
+ *      refutes the claim, and gives it a third of an interval more next time.
  *   4. Who claims again after it was refuted three times shows that both send: "two
  *      PRIMARIES". The present one stays until it misses two blocks.
  * So neither blocks of the old PRIMARY that were still on their way nor two PRIMARIES make
@@ -70,8 +70,5 @@ pairWho pairRoleStep(pairRole *role, plcEvent event, unsigned which, epicsUInt64
 /* True when the last switch-over was because the old PRIMARY had missed several blocks:
  * not an orderly one. */
 int pairRoleMissed(const pairRole *role);
-
-/* When the PRIMARY is overdue: the time when a claim succeeds. */
-epicsUInt64 pairRoleDue(const pairRole *role);
 
 #endif /* INC_pairRole_H */

@@ -185,9 +185,6 @@ void plcWorkerPlan(plcModbus *m);
  * PLC_WORKER_NEVER. */
 epicsUInt64 plcWorkerPoll(plcModbus *m);
 
-/* A read of several ranges got no answer: they are not read together any more. */
-void plcWorkerReadSilent(plcModbus *m, const turn *t);
-
 /* When a read that was made, or whose period has changed, is due again. */
 void plcWorkerSetDue(session *s, turn *t);
 

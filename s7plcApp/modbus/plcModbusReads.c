@@ -87,7 +87,8 @@ static unsigned rangePlace(const plcModbus *m, const turn *t)
     return place;
 }
 
-void plcWorkerReadSilent(plcModbus *m, const turn *t)
+/* A read of several ranges got no answer: they are not read together any more. */
+static void readSilent(plcModbus *m, const turn *t)
 {
     turn rest = *t;
     unsigned end = rest.request.start + rest.request.count, place;
@@ -301,7 +302,7 @@ static int readTurn(plcModbus *m, unsigned at)
     int code = plcWorkerAsk(m, &q), silent = code == PLC_WORKER_SILENT || code < 0;
 
     if (silent && (code > 0 || m->session.lost[0]))
-        plcWorkerReadSilent(m, &s->turns[at]);
+        readSilent(m, &s->turns[at]);
     if (code < 0)
         return -1;
     if (plcWorkerLessMayHelp(code) && !s->turns[at].refused && split(m, at))

@@ -45,12 +45,12 @@ static void checkLimits(const plcRequest *q, plcLimits limits, int writes)
     fuzzCheck(q->count <= (most && most < standard ? most : standard));
 }
 
-static void halve(const plcRange *ranges, unsigned count, const epicsUInt8 *glue,
+static void halve(const plcRange *ranges, unsigned count, const epicsUInt8 *joined,
                   const plcRequest *q)
 {
     plcRequest halves[2];
 
-    if (!plcPlanHalve(ranges, count, glue, q, halves))
+    if (!plcPlanHalve(ranges, count, joined, q, halves))
         return;
     fuzzCheck(halves[0].start == q->start && halves[0].count > 0 && halves[1].count > 0);
     fuzzCheck(halves[1].start == q->start + halves[0].count);
@@ -59,16 +59,16 @@ static void halve(const plcRange *ranges, unsigned count, const epicsUInt8 *glue
 }
 
 static void reads(const plcRange *ranges, unsigned count, size_t size, plcLimits limits,
-                  const epicsUInt8 *glue)
+                  const epicsUInt8 *joined)
 {
     epicsUInt8 *seen = calloc(1, size);
     plcRequest *requests = NULL;
-    unsigned n = plcPlanReads(ranges, count, glue, limits, &requests), i, k;
+    unsigned n = plcPlanReads(ranges, count, joined, limits, &requests), i, k;
 
     for (i = 0; i < n; i++) {
         checkLimits(&requests[i], limits, 0);
         cover(ranges, count, &requests[i], seen);
-        halve(ranges, count, glue, &requests[i]);
+        halve(ranges, count, joined, &requests[i]);
     }
     for (i = 0; i < count; i++) /* all of it, but for what is left of a byte of bits */
         for (k = 0; k < (isBits(ranges[i].table) ? ranges[i].count : 16 * ranges[i].count); k++)
@@ -78,11 +78,11 @@ static void reads(const plcRange *ranges, unsigned count, size_t size, plcLimits
 }
 
 static void writes(const plcRange *ranges, unsigned count, size_t size, plcLimits limits,
-                   const epicsUInt8 *glue, const epicsUInt8 *mask, int single)
+                   const epicsUInt8 *joined, const epicsUInt8 *mask, int single)
 {
     epicsUInt8 *seen = calloc(1, size), *ours = calloc(1, size);
     plcRequest *requests = NULL;
-    unsigned n = plcPlanWrites(ranges, count, mask, glue, limits, single, &requests), i, k;
+    unsigned n = plcPlanWrites(ranges, count, mask, joined, limits, single, &requests), i, k;
 
     for (i = 0; i < n; i++) {
         checkLimits(&requests[i], limits, 1);
@@ -101,14 +101,14 @@ static void writes(const plcRange *ranges, unsigned count, size_t size, plcLimit
     free(ours);
 }
 
-/* The text; behind a NUL, bytes for masks, glue and limits. */
+/* The text; behind a NUL, bytes for masks, joined and limits. */
 int fuzzRanges(const epicsUInt8 *data, size_t size)
 {
     char *text = fuzzText(data, size), error[300] = "";
     size_t used = strlen(text), bytes = 0, i;
     fuzzBytes b = {data + (used < size ? used + 1 : size), used < size ? size - used - 1 : 0};
     int output = (int)(size & 1);
-    epicsUInt8 *mask, *glue;
+    epicsUInt8 *mask, *joined;
     plcRange *ranges = NULL;
     plcLimits limits;
     int n = plcRangesParse(text, output, &ranges, &bytes, error, sizeof(error));
@@ -123,16 +123,16 @@ int fuzzRanges(const epicsUInt8 *data, size_t size)
         limits.registers = fuzzTake(&b) % (PLC_READ_REGISTERS + 5);
         limits.bits = fuzzTake16(&b) % (PLC_READ_BITS + 5);
         mask = malloc(bytes);
-        glue = malloc(bytes);
+        joined = malloc(bytes);
         for (i = 0; i < bytes; i++) {
             mask[i] = (epicsUInt8)fuzzTake(&b);
-            glue[i] = i && (mask[i] & 0x42) == 0x42;
+            joined[i] = i && (mask[i] & 0x42) == 0x42;
         }
-        reads(ranges, (unsigned)n, bytes, limits, b.left & 1 ? glue : NULL);
+        reads(ranges, (unsigned)n, bytes, limits, b.left & 1 ? joined : NULL);
         if (output)
-            writes(ranges, (unsigned)n, bytes, limits, glue, mask, (int)(size & 2));
+            writes(ranges, (unsigned)n, bytes, limits, joined, mask, (int)(size & 2));
         free(mask);
-        free(glue);
+        free(joined);
     }
     free(ranges);
     free(text);

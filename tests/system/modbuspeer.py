@@ -366,7 +366,7 @@ class ModbusPeer:
         """The PLC does not know a function: exception 1."""
         return self.refuse(function, 0, 65536, code=1)
 
-    def heal(self, rule=None):
+    def refuse_no_more(self, rule=None):
         self.rules[:] = [r for r in self.rules if rule is not None and r is not rule]
 
     def judge(self, request):

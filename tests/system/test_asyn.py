@@ -1017,7 +1017,7 @@ def test_modbus(new_modbus, new_asyn):
     for name in ("bad", "poll"):
         ioc.wait_alarm(name, "INVALID", "READ")
     assert ioc.severity("good") == "NO_ALARM"
-    peer.heal(rule)
+    peer.refuse_no_more(rule)
     for name in ("bad", "poll"):
         ioc.wait_alarm(name, "NO_ALARM")
     rule = peer.refuse((6, 16), 1)
@@ -1027,7 +1027,7 @@ def test_modbus(new_modbus, new_asyn):
     until_equal(lambda: peer.holding[0], 5)
     until_equal(lambda: peer.holding[4], 5)
     assert ioc.severity("o0") == ioc.severity("o4") == "NO_ALARM"
-    peer.heal(rule)
+    peer.refuse_no_more(rule)
     ioc.put("o2", 6)
     until_equal(lambda: peer.holding[1], 6)
     ioc.wait_alarm("o2", "NO_ALARM")
@@ -1067,7 +1067,7 @@ def test_modbus_completion(new_modbus, new_asyn, rtype, dtyp, link, value, regis
     rule = peer.refuse((6, 16, 22), 0, 64)
     ioc.put("o", "dcba" if rtype == "stringout" else 0)
     assert ioc.alarm("o")[:2] == ("INVALID", "WRITE")
-    peer.heal(rule)
+    peer.refuse_no_more(rule)
     ioc.put("o", value)
     assert ioc.severity("o") == "NO_ALARM"
 

@@ -466,7 +466,7 @@ record(bi, "$(P)stat") { field(DTYP, "S7plc stat") field(INP, "@PLC") field(SCAN
     "adjacent": ("holding 90 10 every 20, holding 100 10 every 20, holding 110 10 every 20", "one of three that are read together"),
 }.values(), ids=["a range of its own", "one of three that are read together"])
 def test_refused_range(new_modbus, new_ioc, ranges, name):
-    """the PLC refuses {name}: its records are READ/INVALID, the others live on, and it heals"""
+    """the PLC refuses {name}: its records are READ/INVALID, the others go on, until it does no more"""
     peer = new_modbus()
     ioc = new_ioc(peer.configure(ranges), REFUSED)
     for record in "abc":
@@ -483,7 +483,7 @@ def test_refused_range(new_modbus, new_ioc, ranges, name):
         assert ioc.severity("a") == ioc.severity("c") == "NO_ALARM"
     assert ioc.get("stat") == 1 and peer.connections == 1
     assert ioc.alarm("b")[:2] == ("INVALID", "READ")
-    peer.heal(rule)
+    peer.refuse_no_more(rule)
     peer.holding[100] = 5
     ioc.wait_value("b", 5)
     for record in "b", "wf":
@@ -510,7 +510,7 @@ def test_all_refused(new_modbus, new_ioc):
     ioc = new_ioc(peer.configure("holding 0 10 every 20, holding 100 10 every 20, input 0 10 every 20"), REFUSED)
     for record in "abc":
         ioc.wait_alarm(record, "INVALID", "READ", "exception 4")
-    peer.heal(rules[0])
+    peer.refuse_no_more(rules[0])
     for record in "abc":
         ioc.wait_alarm(record, "NO_ALARM")
     assert peer.connections == 1
@@ -535,14 +535,14 @@ def test_refused_state(new_modbus, new_ioc):
     assert "holding 102 to 105: exception 2" in ioc.command("s7plcReport")
     coil = peer.refuse(1, 4, code=2)
     shows("some reads refused", "MINOR", "holding 102 to 105: exception 2, illegal data address (5 of 31 refused)", 5)
-    peer.heal(some)
+    peer.refuse_no_more(some)
     shows("some reads refused", "MINOR", "coils 4: exception 2, illegal data address (1 of 31 refused)", 1)
-    peer.heal(coil)
+    peer.refuse_no_more(coil)
     shows("ok", "NO_ALARM", "", 0)
     every = peer.refuse((1, 3), 0, 65536, code=2)
     shows("reads refused", "MAJOR", "holding 0 to 9: exception 2, illegal data address (31 of 31 refused)", 31)
     assert ioc.get("Alive") == 0
-    peer.heal(every)
+    peer.refuse_no_more(every)
     shows("ok", "NO_ALARM", "", 0)
     assert peer.connections == 1
 
@@ -561,7 +561,7 @@ def test_refused_state_at_start(new_modbus, new_ioc):
     peer.silent = False
     ioc.wait_value("State", 9)
     assert 3 not in states
-    peer.heal(rule)
+    peer.refuse_no_more(rule)
     ioc.wait_value("State", 3)
 
 
@@ -578,7 +578,7 @@ def test_exception_codes(new_modbus, new_ioc):
         rule = peer.refuse(3, 0, code=code)
         _, _, message = ioc.wait_alarm("in", "INVALID", "READ", f"exception {code}")
         assert words in message
-        peer.heal(rule)
+        peer.refuse_no_more(rule)
         ioc.wait_alarm("in", "NO_ALARM")
     assert peer.connections == 1
 
@@ -1033,7 +1033,7 @@ def test_statistics(new_modbus, new_ioc):
     peer.delay = 0
     rule = peer.refuse(4, 5)
     until(lambda: ioc.get("exceptions") >= 3, "exceptions")
-    peer.heal(rule)
+    peer.refuse_no_more(rule)
     peer.silent = True
     until(lambda: ioc.get("requestTimeouts") >= 1, "a time-out")
     peer.silent = False

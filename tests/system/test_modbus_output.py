@@ -299,7 +299,7 @@ def test_one_refused(new_station):
     assert s.ioc.severity("o41") == s.ioc.severity("o43") == "NO_ALARM"
     assert s.ioc.alarm("o42")[:2] == ("INVALID", "WRITE")
     # the alarm ends with the next write that the PLC takes
-    s.plc.heal(rule)
+    s.plc.refuse_no_more(rule)
     s.ioc.put("o42", 77)
     s.wait_register(42, 77)
     s.ioc.wait_alarm("o42", "NO_ALARM")
@@ -341,7 +341,7 @@ def test_refused_bits(new_station):
             s.ioc.alarm(n)[1] == "WRITE"] == []
     s.ioc.put("b6", 1)
     s.ioc.wait_alarm("b6", "INVALID", "WRITE")
-    s.plc.heal(rule)
+    s.plc.refuse_no_more(rule)
     s.ioc.put("b6", 1)
     s.ioc.wait_alarm("b6", "NO_ALARM")
     assert s.ioc.alarm("b5")[1] == "WRITE"
@@ -360,7 +360,7 @@ def test_two_records_on_one_register(new_station):
     s.ioc.put("o2", 1)
     s.wait_register(2, 1)
     assert s.ioc.severity("o0") == s.ioc.severity("o2") == "NO_ALARM"
-    s.plc.heal(rule)
+    s.plc.refuse_no_more(rule)
 
 
 REFUSALS = {1: "FC16: set singleWrite", 2: "illegal data address", 3: "illegal data value",
@@ -376,7 +376,7 @@ def test_codes(new_station):
         s.ioc.put("o0", value)
         _, _, message = s.ioc.wait_alarm("o0", "INVALID", "WRITE", "" if code == 1 else f"exception {code}")
         assert text in message
-        s.plc.heal(rule)
+        s.plc.refuse_no_more(rule)
         s.ioc.put("o0", 100 + value)
         s.ioc.wait_alarm("o0", "NO_ALARM")
         s.wait_register(0, 100 + value)
@@ -482,7 +482,7 @@ def test_shown_again(new_station):
     s.ioc.wait_value("plc", 0)  # what the block shows
     s.plc.power_off()
     s.ioc.wait_log("Modbus disconnected")
-    s.plc.heal()
+    s.plc.refuse_no_more()
     s.holding[101] = 77
     s.show(6)                   # a block while Modbus is down
     s.ioc.wait_value("in", 6)

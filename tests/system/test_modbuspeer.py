@@ -37,7 +37,7 @@ def test_mbpoll_refused(peer):
     """mbpoll gets the exception that the script of the test PLC names"""
     peer.refuse(3, 10, code=6)
     assert "busy" in mbpoll(peer, "-t", "4", "-r", "8", "-c", "4")
-    peer.heal()
+    peer.refuse_no_more()
     assert mbpoll(peer, "-t", "4", "-r", "8", "-c", "2") == ["0", "0"]
     assert "Illegal data address" in mbpoll(peer, "-t", "4", "-r", "1999", "-c", "2")
 

@@ -494,17 +494,17 @@ def test_random_episodes(field, record, capsys):
                       "one PRIMARY")[0]
         act = dice.choice(["pull", "glitch", "backup", "switchover", "restart", "put"])
         story.append(f"{act} {leads + 1}")
-        victim = 1 - leads if act == "backup" else leads
+        pulled = 1 - leads if act == "backup" else leads
         if act in ("pull", "glitch", "backup"):
-            plant.pull(victim)
+            plant.pull(pulled)
             ioc.put(f"A:out{n % PUTS}", 1000 + n)
             if act == "glitch":
                 time.sleep(dice.random() * 0.4)  # how long the cable is out
             elif act == "pull":
-                until(lambda: primary(halves) == 1 - victim, lambda: both(halves), 10)
+                until(lambda: primary(halves) == 1 - pulled, lambda: both(halves), 10)
             else:
-                until_equal(lambda: ioc.text("A:BACKUP"), f"plc-{NTH[victim]} unlinked")
-            plant.plug(victim)
+                until_equal(lambda: ioc.text("A:BACKUP"), f"plc-{NTH[pulled]} unlinked")
+            plant.plug(pulled)
         elif act == "switchover":
             halves[leads].command("switchover")
         elif act == "restart":

@@ -78,7 +78,7 @@ def test_plcsim_listens_on_loopback(new_sim, words, where):
 
 
 # --- What the network can do ------------------------------------------------------------------------
-class Babbler:
+class RandomSender:
     """Sends random bytes as fast as they are taken, on each connection up to `most` of them; then
     the connection ends, and the next one is taken."""
 
@@ -132,12 +132,12 @@ def test_random_bytes(new_ioc, closing, wire):
     program, configure, db = FLOODS[wire]
     if not (TOP / "bin" / ARCH / program).exists():
         pytest.skip(f"there is no {program}")
-    babbler = Babbler(4 << 20)
-    closing(babbler)
-    ioc = new_ioc(configure.format(port=babbler.port), db, program=program)
-    until(lambda: babbler.connections >= 8, lambda: f"8 connections, not {babbler.connections}", 120)
+    sender = RandomSender(4 << 20)
+    closing(sender)
+    ioc = new_ioc(configure.format(port=sender.port), db, program=program)
+    until(lambda: sender.connections >= 8, lambda: f"8 connections, not {sender.connections}", 120)
     memory, lines = ioc.memory(), len(ioc.lines)
-    until(lambda: babbler.connections >= 16, lambda: f"16 connections, not {babbler.connections}", 120)
+    until(lambda: sender.connections >= 16, lambda: f"16 connections, not {sender.connections}", 120)
     ioc.severity("v")  # it answers
     assert ioc.memory() < memory + 4e6
     # one line for the beginning and the end of a connection; repeats are not told

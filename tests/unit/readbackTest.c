@@ -8,7 +8,7 @@
 
 #include "plcReadback.h"
 
-#define PATIENCE 1000000000u /* ns */
+#define LIMIT 1000000000u /* ns */
 #define STEP 1000000u
 
 static plcReadback *r;
@@ -18,7 +18,7 @@ static int through;
 
 static void begin(void)
 {
-    now = PATIENCE;
+    now = LIMIT;
     through = 1;
     r = plcReadbackCreate();
     out = plcImageCreate(4);
@@ -47,7 +47,7 @@ static void leave(void)
 
 static unsigned show(const char *block)
 {
-    return plcReadbackTrack(r, block, out, now, PATIENCE, through);
+    return plcReadbackTrack(r, block, out, now, LIMIT, through);
 }
 
 static char held(size_t offset)
@@ -60,7 +60,7 @@ static char held(size_t offset)
 
 /* --- One place ---------------------------------------------------------------------------
  * pX a put of X    t a block leaves    sX=Y the PLC shows X, then the image holds Y
- * w patience goes by    < the PLC does not fetch what is sent, > it does
+ * w the limit goes by   < the PLC does not fetch what is sent, > it does
  * L another PLC leads and gets the image    K the image may have left at any time */
 static const struct {
     const char *what, *steps;
@@ -83,10 +83,10 @@ static const struct {
     {"a put of what is shown, while the PLC changes it", "pA sC=A t sC=A sA=A sC=C"},
     {"what the PLC refuses comes back", "pB t sA=B w sA=A"},
     {"what the PLC clips comes back as it is", "pZ t sA=Z sY=Z w sY=Y"},
-    {"patience begins when the put has left", "pB sA=B w sA=B w sA=B t sA=B w sA=A"},
+    {"the limit counts from when the put has left", "pB sA=B w sA=B w sA=B t sA=B w sA=A"},
     {"and when the PLC has got it", "< pB t sA=B w sA=B w sA=B > sA=B w sA=A"},
     {"a second put begins anew", "pB t sA=B w pC sA=C t sA=C sB=C sC=C sD=D"},
-    {"more puts than can be told apart: patience",
+    {"more puts than can be told apart: the limit",
      "pB t pC t pD t pE t pF t pG t pH t pI t pJ t sB=J sJ=J sI=J sJ=J w sK=K"},
     {"another PLC gets what the first had", "pB t sB=B L sA=B t sA=B sB=B sC=C"},
     {"another PLC gets it, and what was put meanwhile",
@@ -106,7 +106,7 @@ static int play(const char *steps)
         switch (*at) {
         case 'p': putByte(0, at[1], NULL); break;
         case 't': leave(); break;
-        case 'w': now += PATIENCE; break;
+        case 'w': now += LIMIT; break;
         case '<': through = 0; break;
         case '>': through = 1; break;
         case 'K': plcReadbackWait(r, out, now, 0); break;
@@ -175,7 +175,7 @@ static void testOverlap(void)
     testOk(held(1) == 'B', "until it is shown");
     show("xbcX");
     testOk(held(0) == 'a' && held(1) == 'b', "then the place itself follows, the rest waits");
-    now += PATIENCE;
+    now += LIMIT;
     show("xbcX");
     testOk(held(0) == 'x' && held(1) == 'b' && held(3) == 'X',
            "until all is as the PLC shows it");

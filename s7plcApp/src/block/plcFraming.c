@@ -22,7 +22,7 @@
 /* Equal bursts of a multiple or a fraction of the block size that raise a suspicion. */
 #define SUSPICION 20
 /* Blocks after which data is taken when there was too little quiet to judge. */
-#define PATIENCE 3
+#define UNJUDGED 3
 
 /* So many blocks in a row that end where all ends that has come: from then on they must. The
  * one that makes the stream trusted is enough, when it is by its end. */
@@ -282,11 +282,11 @@ static void trust(plcFraming *f)
     /* A block's end counts when the burst began with a block, or is of the first block. */
     int whole = f->fill % f->blockSize == 0 &&
                 (f->burst % f->blockSize == 0 || f->unaligned <= f->blockSize);
-    int patient = (f->bursts > PATIENCE && f->equal <= PATIENCE && !f->step &&
-                   f->unaligned >= PATIENCE * f->blockSize) ||
-                  (f->bursts == 0 && f->unaligned >= 8 * PATIENCE * f->blockSize);
+    int longEnough = (f->bursts > UNJUDGED && f->equal <= UNJUDGED && !f->step &&
+                      f->unaligned >= UNJUDGED * f->blockSize) ||
+                     (f->bursts == 0 && f->unaligned >= 8 * UNJUDGED * f->blockSize);
 
-    if (whole || patient)
+    if (whole || longEnough)
         f->verdict = plcFramingTrusted;
     if (whole)
         f->known = KNOWN;

@@ -15,7 +15,7 @@
 #include "plcStationPvt.h"
 
 /* A put may take this long until the PLC shows it, beyond the period of reading, ms. */
-#define PATIENCE_MS 1000
+#define SHOWN_MS 1000
 
 /* Beyond what requests may take, until a worker that makes none is given up, ms. */
 #define SILENCE_MS 1000
@@ -325,7 +325,7 @@ static void outputsTake(plcStation *s, const char *shown)
 static void lookAtOutputs(plcStation *s, epicsUInt64 now)
 {
     plcExchange *x = s->exchange;
-    epicsUInt64 patience = plcMsToNs(s->now.readPeriod + PATIENCE_MS);
+    epicsUInt64 limit = plcMsToNs(s->now.readPeriod + SHOWN_MS);
     int first = !epicsAtomicGetIntT(&s->taken);
     unsigned places;
 
@@ -334,7 +334,7 @@ static void lookAtOutputs(plcStation *s, epicsUInt64 now)
     if (x->shown && first) {
         outputsTake(s, x->output);
     } else if (x->shown && s->now.track) {
-        places = plcReadbackTrack(s->tracked, x->output, s->out, now, patience,
+        places = plcReadbackTrack(s->tracked, x->output, s->out, now, limit,
                                   !x->ordered);
         if (places)
             plcInputFollow(s, places);

@@ -15,7 +15,7 @@
 #include "plcStationPvt.h"
 
 /* A put may take this long, beyond the send interval, until the PLC shows it; ms. */
-#define PATIENCE_MS 1000
+#define SHOWN_MS 1000
 
 /* So long a PLC may refuse before we say what may be wrong, ms. */
 #define SYNC_DOUBT_MS 5000
@@ -373,10 +373,10 @@ static void takeNew(plcStation *s, const void *block)
 /* Outputs follow the PLC from block to block. */
 static void trackReadback(plcStation *s, const void *block, epicsUInt64 now)
 {
-    epicsUInt64 patience = plcMsToNs(s->now.sendInterval + PATIENCE_MS);
+    epicsUInt64 limit = plcMsToNs(s->now.sendInterval + SHOWN_MS);
     int through = !plcReadbackWaiting(s->readback) || plcStationDelivered(s);
     unsigned places =
-        plcReadbackTrack(s->readback, block, s->out, now, patience, through);
+        plcReadbackTrack(s->readback, block, s->out, now, limit, through);
 
     if (places)
         plcInputFollow(s, places);
