@@ -127,7 +127,7 @@ class Blocks(World):
 
     def put_bit(self, value):
         done = []
-        self.pending["b"] = (self.edges.put, time.monotonic(), done)
+        self.pending["b"] = (self.edges.put, time.monotonic(), done, self.patience())
         self.pvs["b"].put(value, wait=False, callback=lambda **kw: done.append(1))
 
     def put_again(self, record):

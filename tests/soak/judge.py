@@ -26,6 +26,30 @@ class Wrong(Exception):
         self.kind = kind
 
 
+class Patience:
+    """How long to wait for what must come: `limit` s of a machine that keeps up. Time in which its threads are late by
+    more than LATE is no time in which anything has to come; but MOST limits are the end of it in any case."""
+
+    LATE = 0.2  # s: four threads on the way, and the shortest time-out is above four of it
+    MOST = 10
+
+    def __init__(self, limit, now):
+        self.limit, self.begin, self.at = limit, now, now
+        self.spent = self.latest = 0.0
+
+    def over(self, now, late):
+        """To be asked once a second or more often. late: by how much the machine is late now, in s."""
+        if late <= self.LATE:
+            self.spent += now - self.at
+        self.at = now
+        self.latest = max(self.latest, late)
+        return self.spent > self.limit or now - self.begin > self.MOST * self.limit
+
+    def words(self):
+        return f"{self.at - self.begin:.0f} s" + (
+            f" (threads were late by up to {self.latest:.1f} s)" if self.latest > self.LATE else "")
+
+
 # --- Values ----------------------------------------------------------------------------------
 
 def probe(number, order=">"):

@@ -1,10 +1,8 @@
 """Tables of pointers: each IOC brings another one to the PLC, which must work with it, and with it alone."""
-import time
-
 from . import judge, plan, wire
 from .plan import Fault
 from .sync import POINTS, SETPOINTS, Sync
-from .world import IOC, PATIENCE, PLC, WIRE
+from .world import IOC, PLC, WIRE
 
 OUT = 4 + SETPOINTS + 16  # bytes
 MIRROR = 12 + OUT         # the end of what the PLC shows of it
@@ -77,19 +75,6 @@ class Tables(Sync):
     def settled(self):
         self.look_at_memory()
         return super().settled()
-
-    def held_at_rest(self, record):
-        self.put(record)
-        number = self.pending[record][0]
-        end = time.monotonic() + PATIENCE
-        while self.held.last.get(record) != number and number not in self.held.refused:
-            self.check()
-            self.completions()
-            self.look_at_memory()
-            if time.monotonic() > end:
-                raise judge.Wrong("lost", f"setpoint {record}: put {number} was accepted, the PLC holds "
-                                          f"{self.held.last.get(record)}")
-            time.sleep(0.01)
 
     def fault_key(self, dice, seconds):
         yield from self._console("allowmap off", "allowmap on")

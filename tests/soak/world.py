@@ -1,23 +1,26 @@
 """A scenario: an IOC, a PLC, proxies between them, clients, and a thread that plays them by the plan.
 
-What each transport adds is in blocks.py, pair.py, sync.py, modbus.py, etherip.py, tables.py.
+What each transport adds is in blocks.py, pair.py, sync.py, modbus.py, etherip.py, tables.py, others.py.
 """
 import collections
+import os
 import signal
+import subprocess
 import threading
 import time
 
-import client  # sets the environment before anything loads libca
-import epics
-from ioc import Ioc
-from sim import Sim
+os.environ["EPICS_CA_MAX_SEARCH_PERIOD"] = "60"  # s, the least there is: a channel that was lost must come back
+import client  # noqa: E402  sets the environment before anything loads libca
+import epics  # noqa: E402
+from ioc import Ioc  # noqa: E402
+from sim import Sim  # noqa: E402
 
-from . import judge, plan, wire
-from .plan import Fault
+from . import judge, plan, pva, wire  # noqa: E402
+from .plan import Fault  # noqa: E402
 
-PATIENCE = 90.0  # s, for what must come in the end
-ROUNDS = 100     # and so many looks: on a machine with much else to do one takes its time
+PATIENCE = 90.0  # s, for what must come in the end, of a machine that keeps up: judge.Patience
 WRITE = 2        # alarm status
+PVA = "by PVA "  # before the name of a record
 
 WIRE = [Fault("reset", 3), Fault("close", 3), Fault("half-open", 4, 0.5, 4),
         Fault("hold", 4, 0.1, 5), Fault("hold in", 2, 0.1, 4), Fault("hold out", 2, 0.1, 4),
@@ -43,10 +46,14 @@ class Pulse:
             if end - begin > 0.04:
                 self.late.append((end, end - begin - 0.02))
 
-    def slack(self, seconds=10.0):
-        """What must be allowed for it now, in s."""
+    def worst(self, seconds=10.0):
+        """By how much it was late, in s."""
         since = time.monotonic() - seconds
-        return 0.6 + 3 * max((late for at, late in list(self.late) if at > since), default=0.0)
+        return max((late for at, late in list(self.late) if at > since), default=0.0)
+
+    def slack(self):
+        """What must be allowed for it now, in s."""
+        return 0.6 + 3 * self.worst()
 
 
 class World:
@@ -81,7 +88,8 @@ class World:
         self.sim = self.ioc = None
         self.proxies = []
         self.events = collections.deque()
-        self.pending = {}     # record -> (number, begin, [done])
+        self.pva = pva.Pva(lambda *what: self.events.append((PVA + what[0], *what[1:])))
+        self.pending = {}     # record -> (number, begin, [done], patience is over)
         self.stopped = self.paused = False
         self.acknowledged = self.ACKNOWLEDGED
         self.losses = 0
@@ -103,6 +111,16 @@ class World:
     def check(self):
         if self.failure is not None:
             raise self.failure
+
+    def patience(self):
+        """A function that says when waiting is over, to be asked often; its `words` say how long that was."""
+        patience = judge.Patience(PATIENCE, time.monotonic())
+
+        def over():
+            now = time.monotonic()
+            return patience.over(now, self.pulse.worst(now - patience.at + 1.0))
+        over.words = patience.words
+        return over
 
     # --- The PLC --------------------------------------------------------------------------
 
@@ -180,14 +198,13 @@ class World:
         env = None
         library = self.directory.parent / "clockstep.so"
         if library.exists():
-            import os
             env = {**os.environ, "LD_PRELOAD": str(library), "SOAK_CLOCK": str(self.clock_file)}
         self.ioc = Ioc(self.directory, lines, self.database(), program=self.PROGRAM, env=env)
         with self.lock:
             self.inputs.forget()
             self.outputs.new_ioc()
             self.inputs.begins("loose", time.monotonic())
-        self.ioc.start()
+        self.ioc.start(self.patience())
         self.pvs, self.pending = {}, {}
         self.invalid_since = None
         for name in self.inputs_of_client() + self.outputs_of_client():
@@ -196,13 +213,19 @@ class World:
         self.monitors = [epics.PV(self.ioc.P + name, auto_monitor=True, form="time",
                                   callback=self.hears(name, self.lives))
                          for name in self.watched() + self.outputs_of_client()]
-        for pv in [*self.pvs.values(), *self.monitors]:
-            if not pv.wait_for_connection(PATIENCE):
-                raise judge.Wrong("stuck", f"no channel to {pv.pvname}")
+        self.pva.listen(self.ioc.P, self.INPUTS)
+        self.all_connected("no channel to")
         self.stopped = self.paused = False
         self.base = None
         for record in range(1, self.OUTPUTS + 1):
             self.put(record)
+
+    def all_connected(self, what):
+        over = self.patience()
+        for pv in [*self.pvs.values(), *self.monitors]:
+            while not pv.wait_for_connection(1.0):
+                if over():
+                    raise judge.Wrong("stuck", f"{what} {pv.pvname} for {over.words()}")
 
     def inputs_of_client(self):
         return list(self.INPUTS)
@@ -223,6 +246,7 @@ class World:
         """exit: in any state; status 0 and in time. kill: as a machine that goes off."""
         for pv in [*self.pvs.values(), *self.monitors]:
             pv.disconnect()
+        self.pva.forget()
         self.events.clear()
         if how == "kill":
             self.ioc.process.kill()
@@ -230,7 +254,7 @@ class World:
             self.ioc.drop_clients()
         else:
             begin = time.monotonic()
-            status = self.ioc.exit(PATIENCE)
+            status = self.ioc.exit(self.patience())
             self.recorder.figure("exit", self.NAME, time.monotonic() - begin)
             if status != 0:
                 raise judge.Wrong("wrong", f"the IOC ended with status {status}")
@@ -243,7 +267,7 @@ class World:
 
     def shell(self, text):
         if not self.stopped:
-            return self.ioc.command(text, PATIENCE)
+            return self.ioc.command(text, self.patience())
         return ""
 
     # --- The client -----------------------------------------------------------------------
@@ -253,19 +277,39 @@ class World:
 
     def ask(self, name):
         """(value, severity, status, begin, end) of a record."""
-        begin = first = time.monotonic()
-        got = None
-        while got is None and time.monotonic() - first < PATIENCE:
+        over = self.patience()
+        failure = None
+        while True:
             begin = time.monotonic()
-            try:
-                got = self.pvs[name].get_with_metadata(use_monitor=False, timeout=PATIENCE, as_string=False)
-            except (epics.ca.ChannelAccessException, epics.ca.ChannelAccessGetFailure):  # CA has lost the channel for a moment, as after iocPause
-                self.ended_well()
-                self.pvs[name].wait_for_connection(PATIENCE)
-        if got is None or got["value"] is None:
+            try:  # form: else the type is what it was when the channel came, which may be no type
+                got = self.pvs[name].get_with_metadata(use_monitor=False, timeout=1.0, form="time", as_string=False)
+            except (epics.ca.ChannelAccessException, epics.ca.ChannelAccessGetFailure) as error:
+                failure, got = error, None  # CA has lost the channel for a moment, as after iocPause
+                self.pvs[name].wait_for_connection(1.0)
+            if got and got["value"] is not None:
+                return got["value"], got["severity"], got["status"], begin, time.monotonic()
             self.ended_well()
-            raise judge.Wrong("stuck", f"no answer to caget {name} in {time.monotonic() - first:.1f} s")
-        return got["value"], got["severity"], got["status"], begin, time.monotonic()
+            if over():
+                raise judge.Wrong("stuck", f"no answer to caget {name} in {over.words()}; {failure or 'no error'}; "
+                                           f"another client: {self.second_opinion(name)}")
+
+    def second_opinion(self, name):
+        """Who is deaf, the IOC or this client?"""
+        try:
+            done = subprocess.run([str(client.BASE / "bin" / client.ARCH / "caget"), "-w", "10", self.ioc.P + name],
+                                  stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=60)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            return repr(error)
+        return done.stdout.strip()
+
+    def threads(self):
+        """What each thread of the IOC does, where there is a debugger."""
+        try:
+            return subprocess.run(["gdb", "-p", str(self.ioc.process.pid), "-batch", "-ex", "thread apply all bt 12"],
+                                  stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                                  text=True, timeout=120).stdout
+        except (OSError, subprocess.TimeoutExpired) as error:
+            return repr(error)
 
     def ended_well(self):
         """The IOC must not end by itself."""
@@ -284,6 +328,22 @@ class World:
     def look(self, name):
         """Asks for an input and judges it; true when it has no alarm."""
         value, severity, _, begin, end = self.ask(name)
+        return self.judged(name, value, severity, begin, end)
+
+    def look_by_pva(self, name):
+        over = self.patience()
+        got = None
+        while got is None:
+            begin = time.monotonic()
+            got = self.pva.get(self.ioc.P + name)
+            self.ended_well()
+            if got is None and over():
+                raise judge.Wrong("stuck", f"no answer to pvget {name} in {over.words()}")
+        self.recorder.count("PVA gets")
+        return self.judged(PVA + name, *got, begin, time.monotonic())
+
+    def judged(self, name, value, severity, begin, end):
+        """Judges what was asked; true when it has no alarm."""
         invalid = severity != 0
         if not invalid or hasattr(value, "__len__") and len(value) > 1:
             number = self.number(name, value)
@@ -298,13 +358,13 @@ class World:
         with self.lock:
             value = self.outputs.put(record, time.monotonic())
         done = []
-        self.pending[record] = (value & 0xFFFFFF, time.monotonic(), done)
+        self.pending[record] = (value & 0xFFFFFF, time.monotonic(), done, self.patience())
         self.pvs[f"o{record}"].put(float(value), wait=False, callback=lambda **kw: done.append(1))
         self.recorder.count("puts")
 
     def completions(self):
         """Looks which puts have ended, and how."""
-        for record, (number, begin, done) in list(self.pending.items()):
+        for record, (number, begin, done, over) in list(self.pending.items()):
             if done:
                 if not self.answering():
                     continue
@@ -315,8 +375,8 @@ class World:
                     severity = severity or 3
                 with self.lock:
                     self.put_ended(record, number, int(value), severity, status)
-            elif time.monotonic() - begin > PATIENCE and self.answering():
-                raise judge.Wrong("stuck", f"put {number} to o{record} does not end")
+            elif over() and self.answering():
+                raise judge.Wrong("stuck", f"put {number} to o{record} does not end, {over.words()}")
 
     def put_ended(self, record, number, value, severity, status):  # hook
         if self.acknowledged and severity == 0 and value == judge.setpoint(record, number):
@@ -330,7 +390,7 @@ class World:
                 self.alarmed[name] = at
             if name in (self.INPUTS[0], "primary"):
                 self.watch(name, severity, at, value)
-            if name in self.INPUTS and severity == 0:
+            if name.removeprefix(PVA) in self.INPUTS and severity == 0:
                 with self.lock:
                     self.inputs.event(name, self.number(name, value))
 
@@ -363,7 +423,11 @@ class World:
         if dice.random() < 0.5:
             self.act(dice)
         if self.answering():
-            self.look(dice.choice(self.INPUTS))
+            name = dice.choice(self.INPUTS)
+            if self.pva.context and dice.random() < 0.1:
+                self.look_by_pva(name)
+            else:
+                self.look(name)
             self.completions()
 
     def work(self, dice, until):
@@ -410,7 +474,9 @@ class World:
         if any(passage.dead for proxy in self.leading() for passage in list(proxy.passages)):
             return "a connection is half-open, which the IOC has to find out"
         for name in self.inputs_of_client():
-            value, severity, *_ = self.ask(name)
+            value, severity, _, begin, end = self.ask(name)
+            if name in self.INPUTS:
+                self.judged(name, value, severity, begin, end)
             if severity:
                 return f"{name} has severity {severity}"
             with self.lock:
@@ -436,11 +502,29 @@ class World:
 
     def settle(self, dice):
         """After the faults: all must be well in the end, and stay so."""
-        begin = well = time.monotonic()
-        last = None
-        good = rounds = 0
+        over = self.patience()
+        well = None
+        while well is None:
+            well = self.comes_well(over)
+            with self.lock:
+                self.inputs.over("loose", time.monotonic())
+                self.inputs.over("blind", time.monotonic())
+            for record in range(1, self.OUTPUTS + 1):
+                self.held_at_rest(record)
+            if not self.rests(dice):  # a connection ended meanwhile, by a fault: all begins anew
+                well = None
+                if over():
+                    raise judge.Wrong("stuck", f"connections end again and again, {over.words()} after the faults")
+        if self.fault and self.fault_end:
+            self.recorder.figure("well again", self.fault, well - self.fault_end)
+        self.resources()
+        self.counts()
+        self.fault = None
+
+    def comes_well(self, over):
+        """Waits for that; returns since when."""
+        good = 0
         while good < 3:
-            rounds += 1
             self.check()
             self.heard()
             self.completions()
@@ -449,29 +533,23 @@ class World:
             good = good + 1 if last is None else 0
             if good == 1:
                 well = time.monotonic()
-            if last and time.monotonic() - begin > PATIENCE and rounds > ROUNDS:
+                self.whole_at = self.losses
+            if last and over():
                 raise judge.Wrong("lost" if "was the last" in last else "stuck",
-                                  f"not well {PATIENCE:g} s after the faults: {last}")
+                                  f"not well {over.words()} after the faults: {last}")
             time.sleep(0.1)
-        now = time.monotonic()
-        if self.fault and self.fault_end:
-            self.recorder.figure("well again", self.fault, well - self.fault_end)
-        with self.lock:
-            self.inputs.over("loose", now)
-            self.inputs.over("blind", now)
-        for record in range(1, self.OUTPUTS + 1):
-            self.held_at_rest(record)
+        return well
+
+    def rests(self, dice):
+        """No alarm without a reason; false when there was one since all has been well."""
         end = time.monotonic() + 0.4
-        losses = self.losses
-        while time.monotonic() < end:  # no alarm without a reason
+        while time.monotonic() < end:
             name = dice.choice(self.INPUTS)
-            if not self.look(name) and self.losses == losses and \
-                    now - self.inputs.times[-1] < self.TIMEOUT / 2 and self.pulse.slack() < 1:
+            if not self.look(name) and self.losses == self.whole_at and \
+                    time.monotonic() - self.inputs.times[-1] < self.TIMEOUT / 2 and self.pulse.slack() < 1:
                 raise judge.Wrong("wrong", f"{name} is INVALID although all is well")
             time.sleep(0.05)
-        self.resources()
-        self.counts()
-        self.fault = None
+        return self.losses == self.whole_at
 
     def held_at_rest(self, record):  # hook
         with self.lock:
@@ -532,6 +610,7 @@ class World:
             self.sim.process.wait()
         for proxy in self.proxies:
             proxy.close()
+        self.pva.close()
 
     # --- Faults: generators, `yield` until the fault is to end --------------------------------
 
@@ -659,9 +738,7 @@ class World:
 
     def channels_again(self):
         """iocPause ends the connections of CA clients: what became of puts under way nobody knows."""
-        for pv in [*self.pvs.values(), *self.monitors]:
-            if not pv.wait_for_connection(PATIENCE):
-                raise judge.Wrong("stuck", f"no channel to {pv.pvname} after iocRun")
+        self.all_connected("after iocRun no channel to")
         self.losses += 1
         unknown = list(self.pending)
         self.pending.clear()

@@ -92,38 +92,41 @@ class Ioc:
         return until(find, lambda: f"{text!r} in the log:\n{self.log}", limit)
 
     def command(self, text, limit=LIMIT):
-        """Types a command into the IOC shell; returns what it printed."""
+        """Types a command into the IOC shell; returns what it printed. limit: s, or a function that says when it is over."""
         mark = f"mark-{next(self.marks)}"
         with self.changed:
             begin = len(self.lines)
         self.process.stdin.write(f"{text}\neltc 1\necho {mark}\n".encode())
         self.process.stdin.flush()
-        deadline = time.monotonic() + limit
+        deadline = time.monotonic() + (0 if callable(limit) else limit)
+        over = limit if callable(limit) else lambda: time.monotonic() > deadline
         with self.changed:
             while mark not in self.lines[begin:]:
                 if self.process.poll() is not None:
                     raise AssertionError(f"the IOC ended:\n{self.log}")
-                if not self.changed.wait(min(1, max(0, deadline - time.monotonic()))) \
-                        and time.monotonic() > deadline:
+                if not self.changed.wait(1 if callable(limit) else min(1, max(0, deadline - time.monotonic()))) and over():
                     raise AssertionError(f"no answer to {text!r}:\n" + "\n".join(self.lines))
             lines = self.lines[begin:self.lines.index(mark, begin)]
         echo = {f"epics> {text}", "epics> eltc 1", f"epics> echo {mark}"}
         return "\n".join(line for line in lines if line not in echo)
 
     def exit(self, limit=LIMIT):
-        """Types exit; returns the exit status. A hang is a failure."""
+        """Types exit; returns the exit status. A hang is a failure. limit: as in command()."""
         self.drop_clients()
         try:
             self.process.stdin.write(b"exit\n")
             self.process.stdin.close()
         except (BrokenPipeError, ValueError):
             pass
-        try:
-            return self.process.wait(limit)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
-            raise AssertionError(f"the IOC hangs on exit:\n{self.log}") from None
+        while True:
+            try:
+                return self.process.wait(1 if callable(limit) else limit)
+            except subprocess.TimeoutExpired:
+                if callable(limit) and not limit():
+                    continue
+                self.process.kill()
+                self.process.wait()
+                raise AssertionError(f"the IOC hangs on exit:\n{self.log}") from None
 
     def drop_clients(self):
         for pv in self.pvs.values():

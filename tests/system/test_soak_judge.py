@@ -1,10 +1,15 @@
 """The plan and the judge of the soak (docs/soak.md): pure logic, each verdict both ways."""
+import contextlib
 import struct
+import time
+import types
 
 import pytest
 
 from soak import judge, plan, report, wire
 from soak.blocks import Edges, Frames
+from soak.sync import Sync
+from soak.world import World
 
 FAULTS = [plan.Fault("a", 5, 0.5, 1.0), plan.Fault("b", 1), plan.Fault("c", 0)]
 
@@ -271,3 +276,91 @@ def test_report():
     assert "<script" not in page and "http-equiv" not in page
     page = report.page(options, [(None, {**result, "failure": "stale: <n>"})])
     assert "Nothing lost" not in page and "stale: &lt;n&gt;" in page
+
+
+# --- Waiting ---------------------------------------------------------------------------------
+
+def test_patience():
+    """what must come has its time, in which a machine that is late does not count; an end there is in any case"""
+    steady = judge.Patience(90, 1000)
+    assert not any(steady.over(1000 + t, 0.1) for t in range(91)) and steady.over(1091, 0.0)
+    assert steady.words() == "91 s"
+    busy = judge.Patience(90, 0)
+    assert not any(busy.over(t, 0.5) for t in range(500)) and not any(busy.over(t, 0.0) for t in range(500, 589))
+    assert busy.over(591, 0.0) and busy.words() == "591 s (threads were late by up to 0.5 s)"
+    never = judge.Patience(90, 0)
+    assert not any(never.over(t, 9.0) for t in range(901)) and never.over(901, 9.0)
+
+
+def sync_world(shows, lines=(), gets=None, refused=()):
+    """A put of 70001 to record 1 whose record shows put `shows` afterwards; gets: what the PLC has got."""
+    held = judge.Held()
+    held.refused.update(refused)
+    held.last.update({1: gets} if gets else {})
+    world = types.SimpleNamespace(held=held, pending={}, sim=types.SimpleNamespace(lines=[]))
+    world.recorder = types.SimpleNamespace(count=lambda name: None)
+    world.put = lambda record: world.pending.update({record: (70001,)})
+    world.check = world.look_at_memory = lambda: None
+    world.ask = lambda name: (judge.setpoint(1, shows), 0, 0, 0, 0)
+
+    def completions():
+        world.pending.clear()
+        world.sim.lines += lines
+    world.completions = completions
+    return world
+
+
+def patience(count):
+    def over():
+        over.left -= 1
+        return over.left < 0
+    over.left, over.words = count, lambda: "90 s"
+    return over
+
+
+def test_put_with_sync():
+    """a put that was accepted is with the PLC; unless SYNC fell meanwhile and the record says that it is not"""
+    falls = ["2026 PLC: SYNC falls: the connection is gone"]
+    assert Sync.arrives(sync_world(70001, gets=70001), 1, patience(3))
+    assert Sync.arrives(sync_world(70000, refused=[70001]), 1, patience(3))
+    assert not Sync.arrives(sync_world(70000, falls), 1, patience(3))
+    for world in (sync_world(70001, falls), sync_world(70000), sync_world(70001)):
+        with pytest.raises(judge.Wrong, match="^lost: setpoint 1: put 70001 was accepted"):
+            Sync.arrives(world, 1, patience(3))
+
+
+def resting_world(valid, losses=(0, 0)):
+    """All is well, with so many connections lost before, and at the end of, the rest."""
+    world = types.SimpleNamespace(INPUTS=["n"], TIMEOUT=2.0, whole_at=losses[0], losses=losses[1])
+    world.look = lambda name: valid
+    world.inputs = types.SimpleNamespace(times=[time.monotonic() + 10])
+    world.pulse = types.SimpleNamespace(slack=lambda: 0.6)
+    return world
+
+
+def test_rest():
+    """no alarm while all is well; a connection that ends just then makes all begin anew"""
+    dice = plan.chance(1)
+    assert World.rests(resting_world(True), dice)
+    assert not World.rests(resting_world(True, (0, 1)), dice) and not World.rests(resting_world(False, (0, 1)), dice)
+    with pytest.raises(judge.Wrong, match="^wrong: n is INVALID although all is well"):
+        World.rests(resting_world(False), dice)
+
+
+def test_stale_while_waiting():
+    """a value that stays old is told as stale, and not as something that does not come well"""
+    world = types.SimpleNamespace(INPUTS=["n"], OUTPUTS=0, pending={}, lock=contextlib.nullcontext(), inputs=judge.Inputs(2.0))
+    world.pulse = types.SimpleNamespace(slack=lambda: 0.6)
+    world.leading = world.outputs_settled = lambda: ()
+    world.inputs_of_client = lambda: ["n"]
+    world.number = World.number.__get__(world)
+    world.judged = World.judged.__get__(world)
+    now = time.monotonic()
+    world.inputs.begins("loose", now - 60)
+    for i in range(300):
+        world.inputs.delivered(now - 15 + i * 0.05, i)
+    world.ask = lambda name: (250, 0, 0, now, now)  # of 2.5 s ago
+    assert World.settled(world) == "n shows block 250"
+    world.ask = lambda name: (100, 0, 0, now, now)  # of 10 s ago
+    with pytest.raises(judge.Wrong, match="^stale: n shows block 100 of 10.00 s ago"):
+        World.settled(world)
