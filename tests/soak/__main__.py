@@ -19,8 +19,9 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent / "system"), str(HERE.parent)]
 
-TRANSPORTS = {"blocks": "Blocks", "pair": "Pair", "sync": "Sync", "tables": "Tables", "modbus": "Modbus",
-              "etherip": "EtherIp"}
+TRANSPORTS = {"blocks": "blocks.Blocks", "pair": "pair.Pair", "sync": "sync.Sync", "tables": "tables.Tables",
+              "modbus": "modbus.Modbus", "etherip": "etherip.EtherIp", "pymodbus": "others.PyModbus",
+              "cpppo": "others.Cpppo"}
 PROGRAMS = ("blockStressTest", "pairStressTest", "syncStressTest", "slipStressTest", "recordStressTest")
 LIES = ("tear", "repeat", "drop")
 
@@ -66,12 +67,12 @@ def make_world(options, recorder, say):
     import importlib
 
     from . import wire
-    module = importlib.import_module(f"soak.{options.one}")
+    module, name = TRANSPORTS[options.one].split(".")
     lie = None
     if options.lie:
         kind, way, size = options.lie.split(":")
         lie = wire.lie_of(kind, {"in": wire.TO_IOC, "out": wire.TO_PLC}[way], int(size))
-    return getattr(module, TRANSPORTS[options.one])(
+    return getattr(importlib.import_module(f"soak.{module}"), name)(
         recorder.path.parent, options.seed, options.instance, recorder, lie=lie, say=say)
 
 
@@ -107,6 +108,8 @@ def play(options, recorder, say):
         recorder.data["failure"] = f"{error}" or repr(error)
         say(traceback.format_exc())
         if world.ioc:
+            if getattr(error, "kind", "stuck") in ("stuck", "lost"):
+                say("--- the IOC's threads\n" + world.threads())
             say("--- the IOC's log\n" + world.ioc.log)
             world.keep_log()
         if world.sim:
@@ -140,7 +143,7 @@ def start(options):
                 words += ["--lie", options.lie]
             children[f"{name}-{instance}"] = subprocess.Popen(
                 words, cwd=HERE.parent, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-                start_new_session=True)
+                preexec_fn=os.setpgrp)
     return children
 
 

@@ -13,6 +13,7 @@ class EtherIp(World):
     ACKNOWLEDGED = True
     ONE_CLIENT = False
     TIMEOUT = 2.6
+    REQUEST_TIMEOUT = 500  # ms
     INPUTS = ("n", "a", "z")
     PLC_TEXT = ("in = 64\nperiod = 50 ms\nbyteorder = little\netherip_port = 0\n" + judge.signals() +
                 "tag Probe DINT[16] -> in.0\n" + "".join(f"tag S{i} LINT\n" for i in range(1, TAGS + 1)))
@@ -35,7 +36,7 @@ class EtherIp(World):
         """Judged by the age of values."""
 
     def configure(self, dice):
-        options = {"requestTimeout": "500", "complete": dice.choice(("acknowledged", "sent"))}
+        options = {"requestTimeout": str(self.REQUEST_TIMEOUT), "complete": dice.choice(("acknowledged", "sent"))}
         self.acknowledged = options["complete"] == "acknowledged"
         size = dice.choice(("4002", "500"))
         return (f'etheripConfigure PLC, "127.0.0.1:{self.proxies[0].port}", 0, "size={size}"\n'
@@ -86,11 +87,13 @@ class EtherIp(World):
 
     def held_at_rest(self, record):
         self.outputs.refusing = False
-        value = int(self.console(f"etherip get S{record}").split("=")[-1])
-        put = judge.put_of(value)
+        put = judge.put_of(self.held(record))
         with self.lock:
             self.outputs.quiet(record)
             self.outputs.quiet(record, held=put and put[1])
+
+    def held(self, record):  # hook
+        return int(self.console(f"etherip get S{record}").split("=")[-1])
 
     def plc_died(self):
         self.put_at.clear()

@@ -49,11 +49,13 @@ class Modbus(World):
     def held_at_rest(self, record):
         """What the PLC has in its memory, asked from itself."""
         self.outputs.refusing = False  # now: a busy PLC is asked again and again
-        value = int(self.console(f"get DB10.{8 * record - 8} UINT64").split("=")[-1])
-        put = judge.put_of(value)
+        put = judge.put_of(self.held(record))
         with self.lock:
             self.outputs.quiet(record)
             self.outputs.quiet(record, held=put and put[1])
+
+    def held(self, record):  # hook
+        return int(self.console(f"get DB10.{8 * record - 8} UINT64").split("=")[-1])
 
     def normal(self):
         super().normal()
