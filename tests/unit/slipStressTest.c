@@ -306,10 +306,18 @@ static int sendOn(fault what, size_t size)
     return 0;
 }
 
+static int isSaid(void)
+{
+    plcStats st;
+
+    plcStationStats(w.station, &st);
+    return strstr(st.lastError, "out of step") || strstr(st.lastError, "inSize") ||
+           strstr(st.lastError, "no blocks");
+}
+
 static void slips(fault what)
 {
     size_t by = 1 + below((unsigned)w.inSize - 1), size = w.inSize;
-    plcStats st;
 
     if (what == resizes)
         while (size % w.inSize == 0) /* a multiple looks like a backlog */
@@ -322,9 +330,8 @@ static void slips(fault what)
         fails("it is not found out");
         return;
     }
-    plcStationStats(w.station, &st);
-    if (!strstr(st.lastError, "out of step") && !strstr(st.lastError, "inSize") &&
-        !strstr(st.lastError, "no blocks"))
+    WAIT_FOR(isSaid()); /* the connection ends first */
+    if (!isSaid())
         fails("it is not said what is wrong");
     toolClose(w.fd);
     acceptStation();
