@@ -262,7 +262,7 @@ static int isNumberArray(int ftvl, plcLinkError *error)
 {
     if (ftvl != menuFtypeSTRING)
         return 0;
-    return devFail(error, 0, "FTVL=STRING is not possible; allowed: numbers");
+    return plcLinkFail(error, 0, "FTVL=STRING is not possible; allowed: numbers");
 }
 
 static int resolveWaveform(dbCommon *common, devRecord *dev, const char *text,

@@ -314,7 +314,7 @@ static void followAao(dbCommon *common, const devRecord *dev, const epicsUInt8 *
 static int resolveAao(dbCommon *common, devRecord *dev, const char *text, plcLinkError *error)
 {
     if (((aaoRecord *)common)->ftvl == menuFtypeSTRING)
-        return devFail(error, 0, "FTVL=STRING is not possible; allowed: numbers");
+        return plcLinkFail(error, 0, "FTVL=STRING is not possible; allowed: numbers");
     return devEipArray(common, dev, text, error);
 }
 

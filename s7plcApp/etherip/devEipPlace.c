@@ -114,11 +114,11 @@ static int begin(dbCommon *prec, devRecord *dev, const char *text, eipLink *link
     if (devFindStation(dev, link->plc, error))
         return -1;
     if (!eipPlcFind(link->plc))
-        return devFail(error, 0,
-                       "%.40s is no PLC with tags; drvEtherIP_define_PLC or etheripConfigure "
-                       "makes one", link->plc);
+        return plcLinkFail(error, 0,
+                           "%.40s is no PLC with tags; drvEtherIP_define_PLC or etheripConfigure "
+                           "makes one", link->plc);
     if (link->statistic && strcmp(supportOf(prec)->shape.recordType, "ai"))
-        return devFail(error, 0, "a statistic; allowed: with ai only");
+        return plcLinkFail(error, 0, "a statistic; allowed: with ai only");
     if (link->force && supportOf(prec)->direction != devOut)
         link->force = 0;
     own = callocMustSucceed(1, sizeof(*own), "EtherIP");
@@ -142,10 +142,10 @@ static int take(dbCommon *prec, devRecord *dev, const eipLink *link, const eipWa
     own->output = out;
     own->place = eipPlacesGet(own->plc->places, wish, own->period, out);
     if (!own->place)
-        return devFail(error, strlen(link->plc) + 1,
-                       "the image of %.40s is full: %lu bytes; allowed: more by "
-                       "etheripConfigure image=bytes or drvEtherIP_image_size before it",
-                       link->plc, (unsigned long)plcStationInSize(dev->station));
+        return plcLinkFail(error, strlen(link->plc) + 1,
+                           "the image of %.40s is full: %lu bytes; allowed: more by "
+                           "etheripConfigure image=bytes or drvEtherIP_image_size before it",
+                           link->plc, (unsigned long)plcStationInSize(dev->station));
     own->at = eipPlaceOffset(own->place);
     own->room = eipPlaceRoom(own->place);
     dev->image = out ? plcStationOutput(dev->station) : plcStationInput(dev->station);
@@ -183,8 +183,8 @@ static int takeCell(dbCommon *prec, devRecord *dev, eipLink *link, unsigned bits
         link->index >>= 5;
     }
     if (link->bit >= 0 && link->bit + bits > 64)
-        return devFail(error, 0, "bits %d to %u; allowed: up to 63", link->bit,
-                       (unsigned)link->bit + bits - 1);
+        return plcLinkFail(error, 0, "bits %d to %u; allowed: up to 63", link->bit,
+                           (unsigned)link->bit + bits - 1);
     wish = wishOf(link, eipCell);
     if (take(prec, dev, link, &wish, eipPlaceHead, error))
         return -1;
@@ -252,7 +252,7 @@ static int takeTwo(dbCommon *prec, devRecord *dev, eipLink *link, plcLinkError *
     dev->mask = own->across << own->shift & 0xffffffffu;
     wish.index++;
     own->second = eipPlacesGet(own->plc->places, &wish, own->period, 1);
-    return own->second ? 0 : devFail(error, 0, "the image of %.40s is full", link->plc);
+    return own->second ? 0 : plcLinkFail(error, 0, "the image of %.40s is full", link->plc);
 }
 
 /* Bits that begin in one element and end in the next: for inputs, as an array of two. */
@@ -280,7 +280,7 @@ int devEipBits(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *e
     if (begin(prec, dev, text, &link, error))
         return -1;
     if (nobt > 32)
-        return devFail(error, 0, "NOBT is %u; allowed: 0 (all) to 32", nobt);
+        return plcLinkFail(error, 0, "NOBT is %u; allowed: 0 (all) to 32", nobt);
     if (link.bit < 0 && link.hasIndex && !link.alone && (link.index & 31) + nobt > 32)
         return takeAcross(prec, dev, &link, nobt, error);
     if (nobt == 0 && (link.bit >= 0 || (link.hasIndex && !link.alone)))
@@ -311,7 +311,7 @@ int devEipText(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *e
     if (begin(prec, dev, text, &link, error))
         return -1;
     if (link.bit >= 0)
-        return devFail(error, 0, "a string has no bits; allowed: a tag without .bit and B");
+        return plcLinkFail(error, 0, "a string has no bits; allowed: a tag without .bit and B");
     wish = wishOf(&link, eipTextPlace);
     wish.room = eipPlaceHead + textRoom(prec);
     return take(prec, dev, &link, &wish, eipPlaceCountAt, error);
@@ -326,13 +326,13 @@ int devEipArray(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *
     if (begin(prec, dev, text, &link, error))
         return -1;
     if (link.bit >= 0 || (link.alone && type[0] == 'w'))
-        return devFail(error, 0, "an array is read as it is; allowed: a tag without B and E");
+        return plcLinkFail(error, 0, "an array is read as it is; allowed: a tag without B and E");
     wish = wishOf(&link, eipArrayPlace);
     wish.count = type[0] == 'w'   ? ((waveformRecord *)prec)->nelm
                  : type[2] == 'i' ? ((aaiRecord *)prec)->nelm
                                   : ((aaoRecord *)prec)->nelm;
     if (wish.count == 0 || wish.count > 65535)
-        return devFail(error, 0, "NELM is %u; allowed: 1 to 65535", wish.count);
+        return plcLinkFail(error, 0, "NELM is %u; allowed: 1 to 65535", wish.count);
     eipOf(dev)->elements = wish.count;
     return take(prec, dev, &link, &wish, eipPlaceKindAt, error);
 }

@@ -30,7 +30,7 @@ VPATH = $(LIBCOM)/osi/os/Linux:$(LIBCOM)/osi/os/posix:$(LIBCOM)/osi/os/default \
 
 codecTest = plcCodec
 clockTest = plcClock plcCodec
-linkTest = plcLink plcCodec
+linkTest = plcLink plcLinkComplete plcCodec
 pointersTest = plcPointers
 statsTest = plcStats
 putsTest = plcPuts

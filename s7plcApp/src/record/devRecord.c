@@ -17,17 +17,6 @@
 
 /* --- Messages ----------------------------------------------------------------------- */
 
-int devFail(plcLinkError *error, size_t column, const char *format, ...)
-{
-    va_list args;
-
-    error->column = column;
-    va_start(args, format);
-    epicsVsnprintf(error->text, sizeof(error->text), format, args);
-    va_end(args);
-    return -1;
-}
-
 void devWarn(dbCommon *prec, const char *format, ...)
 {
     const devSupport *support = devSupportOf(prec);

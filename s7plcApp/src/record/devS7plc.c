@@ -82,8 +82,8 @@ int devFindStation(devRecord *dev, const char *name, plcLinkError *error)
     if (dev->station)
         return 0;
     plcStationNames(names, sizeof(names));
-    return devFail(error, 0, "no PLC \"%.40s\"; configured: %s", name,
-                   names[0] ? names : "none (s7plcConfigure comes before iocInit)");
+    return plcLinkFail(error, 0, "no PLC \"%.40s\"; configured: %s", name,
+                       names[0] ? names : "none (s7plcConfigure comes before iocInit)");
 }
 
 /* Refuses a value that does not lie in the block, "in" or "out". */
@@ -93,11 +93,11 @@ static int checkPlace(size_t offset, size_t length, size_t size, const char *blo
     if (offset <= size && length <= size - offset)
         return 0;
     if (size == 0)
-        return devFail(error, column, "the PLC has no %sput block; %sSize is 0", block,
-                       block);
-    return devFail(error, column, "%lu + %lu bytes exceed the %sput block; %sSize is %lu",
-                   (unsigned long)offset, (unsigned long)length, block, block,
-                   (unsigned long)size);
+        return plcLinkFail(error, column, "the PLC has no %sput block; %sSize is 0", block,
+                           block);
+    return plcLinkFail(error, column, "%lu + %lu bytes exceed the %sput block; %sSize is %lu",
+                       (unsigned long)offset, (unsigned long)length, block, block,
+                       (unsigned long)size);
 }
 
 /* The bytes of a string: not more than the record has room for. An S7STRING is as long as
@@ -131,10 +131,10 @@ static int placeReadback(devRecord *dev, const plcLink *link, plcLinkError *erro
     if (mirror < 0)
         return 0;
     if (link->has & plcHasR && link->readback != mirror + dev->offset)
-        return devFail(error, link->column.R,
-                       "the PLC's option readback=%ld shows this "
-                       "place at %ld; leave R= out",
-                       mirror, mirror + (long)dev->offset);
+        return plcLinkFail(error, link->column.R,
+                           "the PLC's option readback=%ld shows this "
+                           "place at %ld; leave R= out",
+                           mirror, mirror + (long)dev->offset);
     dev->has |= plcHasR;
     dev->readback = mirror + dev->offset;
     return 0;
@@ -145,8 +145,8 @@ static int checkOffsets(const devRecord *dev, const plcLink *link, plcLinkError 
 {
     const char *wire = plcStationByName(dev->station);
 
-    return wire ? devFail(error, link->column.offset,
-                          "a PLC by %s has tags, no offsets; needed: the DTYP for its tags", wire)
+    return wire ? plcLinkFail(error, link->column.offset,
+                              "a PLC by %s has tags, no offsets; needed: the DTYP for its tags", wire)
                 : 0;
 }
 
@@ -184,11 +184,11 @@ static int place(dbCommon *prec, devRecord *dev, const plcLink *link, size_t roo
     if (dev->buffered)
         dev->buffer = callocMustSucceed(1, dev->length, "S7plc buffer");
     if (out && dev->offset < plcStationHeader(dev->station))
-        return devFail(error, link->column.offset,
-                       "bytes 0 to %u are the header of the "
-                       "sync handshake; allowed: %u and up",
-                       (unsigned)plcStationHeader(dev->station) - 1,
-                       (unsigned)plcStationHeader(dev->station));
+        return plcLinkFail(error, link->column.offset,
+                           "bytes 0 to %u are the header of the "
+                           "sync handshake; allowed: %u and up",
+                           (unsigned)plcStationHeader(dev->station) - 1,
+                           (unsigned)plcStationHeader(dev->station));
     if (!out)
         return 0;
     if (placeReadback(dev, link, error))
@@ -410,8 +410,8 @@ int devPrepareMask(dbCommon *prec, devRecord *dev, const plcLink *link,
     unsigned bits = 8 * dev->type->size;
 
     if (wanted && (shft >= bits || wanted >> (bits - shft)))
-        return devFail(error, link->column.T, "NOBT=%u SHFT=%u: %s has bits 0 to %u", nobt,
-                       shft, dev->type->name, bits - 1);
+        return plcLinkFail(error, link->column.T, "NOBT=%u SHFT=%u: %s has bits 0 to %u", nobt,
+                           shft, dev->type->name, bits - 1);
     if (!wanted)
         devWarn(prec, "NOBT is 0: the record always %s. Set NOBT to its number of bits",
                 works);

@@ -185,10 +185,6 @@ long devInit(int after);
 long devInitRecord(dbCommon *prec);
 long devIointInfo(int leave, dbCommon *prec, IOSCANPVT *list);
 
-/* Fills *error. Returns -1, so that a refusal is one line. */
-int devFail(plcLinkError *error, size_t column, const char *format, ...)
-    EPICS_PRINTF_STYLE(3, 4);
-
 /* Finds the station of this name. Returns 0 and dev->station, or -1 with *error. */
 int devFindStation(devRecord *dev, const char *name, plcLinkError *error);
 

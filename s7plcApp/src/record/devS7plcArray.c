@@ -63,17 +63,17 @@ static int adaptArray(unsigned ftvl, size_t nelm, const plcLink *link, plcShape 
     char allowed[80];
 
     if (ftvl >= NUM_FTVL || !elementTypes[ftvl].name)
-        return devFail(error, link->column.offset,
-                       "FTVL=STRING is not possible; allowed: FTVL=CHAR with T=STRING, "
-                       "numbers");
+        return plcLinkFail(error, link->column.offset,
+                           "FTVL=STRING is not possible; allowed: FTVL=CHAR with T=STRING, "
+                           "numbers");
     shape->kinds = elementTypes[ftvl].kinds;
     shape->maxSize = elementTypes[ftvl].size;
     shape->defaultType = elementTypes[ftvl].defaultType;
     *room = nelm;
     if (type && (!(type->kind & shape->kinds) || type->size != shape->maxSize)) {
         listTypes(shape->kinds, shape->maxSize, allowed, sizeof(allowed));
-        return devFail(error, link->column.T, "T=%s does not fit FTVL=%s; allowed: %s",
-                       type->name, elementTypes[ftvl].name, allowed);
+        return plcLinkFail(error, link->column.T, "T=%s does not fit FTVL=%s; allowed: %s",
+                           type->name, elementTypes[ftvl].name, allowed);
     }
     return 0;
 }

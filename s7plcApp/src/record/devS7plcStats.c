@@ -64,13 +64,13 @@ static int resolveStatistic(dbCommon *prec, devRecord *dev, const char *text,
 
     slash += strspn(slash, " \t");
     if (length == 0 || length > PLC_NAME_MAX || *slash != '/')
-        return devFail(error, start, "a link of S7plc stats is @PLCname/name");
+        return plcLinkFail(error, start, "a link of S7plc stats is @PLCname/name");
     epicsSnprintf(station, sizeof(station), "%.*s", (int)length, text + start);
     slash += 1 + strspn(slash + 1, " \t");
     length = strcspn(slash, " \t");
     if (slash[length + strspn(slash + length, " \t")])
-        return devFail(error, (size_t)(slash - text) + length,
-                       "text behind the name of a statistic");
+        return plcLinkFail(error, (size_t)(slash - text) + length,
+                           "text behind the name of a statistic");
     if (devFindStation(dev, station, error))
         return -1;
     epicsSnprintf(name, sizeof(name), "%.*s", (int)length, slash);
@@ -78,8 +78,8 @@ static int resolveStatistic(dbCommon *prec, devRecord *dev, const char *text,
     if (dev->statistic)
         return 0;
     plcStatNames(kinds, names, sizeof(names));
-    return devFail(error, (size_t)(slash - text), "no statistic \"%s\" for %s; allowed: %s",
-                   name, recordType, names);
+    return plcLinkFail(error, (size_t)(slash - text), "no statistic \"%s\" for %s; allowed: %s",
+                       name, recordType, names);
 }
 
 /* --- One adapter per record type --------------------------------------------------------- */

@@ -24,13 +24,7 @@ typedef struct cursor {
     plcLinkError *error;
 } cursor;
 
-static int fail(plcLinkError *error, size_t column, const char *format, ...)
-    EPICS_PRINTF_STYLE(3, 4);
-static void warn(plcLinkError *error, size_t column, const char *format, ...)
-    EPICS_PRINTF_STYLE(3, 4);
-
-/* Fills in the error. Returns -1, so that a refusal is one line. */
-static int fail(plcLinkError *error, size_t column, const char *format, ...)
+int plcLinkFail(plcLinkError *error, size_t column, const char *format, ...)
 {
     va_list args;
 
@@ -41,8 +35,7 @@ static int fail(plcLinkError *error, size_t column, const char *format, ...)
     return -1;
 }
 
-/* Accepted, but doubtful. The first doubt is told. */
-static void warn(plcLinkError *error, size_t column, const char *format, ...)
+void plcLinkWarn(plcLinkError *error, size_t column, const char *format, ...)
 {
     va_list args;
 
@@ -141,21 +134,21 @@ static int parseNumber(cursor *c, const char *what, epicsUInt64 max, epicsUInt64
         unsigned digit = digitValue(here(c));
 
         if (*value > max / base || *value * base > max - digit)
-            return fail(c->error, start, "%s \"%s\" is too large; allowed: up to %llu",
-                        what, wordFrom(c, start, quote), (unsigned long long)max);
+            return plcLinkFail(c->error, start, "%s \"%s\" is too large; allowed: up to %llu",
+                               what, wordFrom(c, start, quote), (unsigned long long)max);
         *value = *value * base + digit;
     }
     if (c->at == first)
-        return fail(c->error, start,
-                    "%s \"%s\" is no number; allowed: such as 20 or 0x14", what,
-                    wordFrom(c, start, quote));
+        return plcLinkFail(c->error, start,
+                           "%s \"%s\" is no number; allowed: such as 20 or 0x14", what,
+                           wordFrom(c, start, quote));
     if (base == 8 && isDigit(here(c)))
-        return fail(c->error, c->at,
-                    "%s \"%s\": a leading 0 means octal, without digit %c", what,
-                    wordFrom(c, start, quote), here(c));
+        return plcLinkFail(c->error, c->at,
+                           "%s \"%s\": a leading 0 means octal, without digit %c", what,
+                           wordFrom(c, start, quote), here(c));
     if (base == 8 && *value > 7)
-        warn(c->error, start, "%s \"%s\" is octal because of its leading 0: %llu", what,
-             wordFrom(c, start, quote), (unsigned long long)*value);
+        plcLinkWarn(c->error, start, "%s \"%s\" is octal because of its leading 0: %llu", what,
+                    wordFrom(c, start, quote), (unsigned long long)*value);
     return 0;
 }
 
@@ -173,10 +166,10 @@ static int addNumber(cursor *c, const char *what, epicsInt64 *sum)
     if (parseNumber(c, what, max, &value))
         return -1;
     if (!negative && *sum > 0 && value > max - (epicsUInt64)*sum)
-        return fail(c->error, start, "the sum is too large; allowed: up to %llu",
-                    (unsigned long long)max);
+        return plcLinkFail(c->error, start, "the sum is too large; allowed: up to %llu",
+                           (unsigned long long)max);
     if (negative && *sum < 0 && value > (epicsUInt64)(INT64_HIGHEST + *sum))
-        return fail(c->error, start, "the sum is too small; allowed: 0 and more");
+        return plcLinkFail(c->error, start, "the sum is too small; allowed: 0 and more");
     *sum += negative ? -(epicsInt64)value : (epicsInt64)value;
     return 0;
 }
@@ -190,9 +183,9 @@ static int parseSum(cursor *c, const char *what, size_t *result)
     epicsInt64 sum = 0;
 
     if (here(c) != '+' && here(c) != '-' && !isDigit(here(c)))
-        return fail(c->error, start,
-                    "%s \"%s\" is no number; allowed: such as 20 or 20+2", what,
-                    wordFrom(c, start, quote));
+        return plcLinkFail(c->error, start,
+                           "%s \"%s\" is no number; allowed: such as 20 or 20+2", what,
+                           wordFrom(c, start, quote));
     for (;;) {
         if ((here(c) == '-' || isDigit(here(c))) && addNumber(c, what, &sum))
             return -1;
@@ -204,16 +197,16 @@ static int parseSum(cursor *c, const char *what, size_t *result)
             break;
     }
     if (!atEnd(c) && !(c->at > start && isBlank(c->text[c->at - 1])))
-        return fail(c->error, c->at, "%s \"%s\": only sums such as 4+2 are allowed", what,
-                    wordFrom(c, start, quote));
+        return plcLinkFail(c->error, c->at, "%s \"%s\": only sums such as 4+2 are allowed", what,
+                           wordFrom(c, start, quote));
     after = c->at;
     skipBlanks(c);
     if (here(c) == '+')
-        return fail(c->error, c->at, "no blank is allowed before the + of %s", what);
+        return plcLinkFail(c->error, c->at, "no blank is allowed before the + of %s", what);
     c->at = after;
     if (sum < 0)
-        return fail(c->error, start, "%s %lld is negative; allowed: 0 and more", what,
-                    (long long)sum);
+        return plcLinkFail(c->error, start, "%s %lld is negative; allowed: 0 and more", what,
+                           (long long)sum);
     *result = (size_t)sum;
     return 0;
 }
@@ -233,10 +226,10 @@ static int parseSigned(cursor *c, char letter, epicsInt64 *result)
     if (!negative && here(c) != '+' && !isDigit(here(c))) {
         c->at = start;
         if (!atEnd(c))
-            return fail(c->error, start,
-                        "%s%s is no number; allowed: such as %s20 or %s0x14", what,
-                        wordFrom(c, start, quote), what, what);
-        warn(c->error, start, "%s has no value: taken as 0", what);
+            return plcLinkFail(c->error, start,
+                               "%s%s is no number; allowed: such as %s20 or %s0x14", what,
+                               wordFrom(c, start, quote), what, what);
+        plcLinkWarn(c->error, start, "%s has no value: taken as 0", what);
         return 0;
     }
     start = c->at;
@@ -245,8 +238,8 @@ static int parseSigned(cursor *c, char letter, epicsInt64 *result)
     if (parseNumber(c, what, (epicsUInt64)INT64_HIGHEST + negative, &value))
         return -1;
     if (!atEnd(c))
-        return fail(c->error, c->at, "%s%s is no whole number", what,
-                    wordFrom(c, start, quote));
+        return plcLinkFail(c->error, c->at, "%s%s is no whole number", what,
+                           wordFrom(c, start, quote));
     *result = (epicsInt64)(negative ? 0 - value : value);
     return 0;
 }
@@ -259,14 +252,14 @@ static int parseT(cursor *c, plcLink *link)
     while (!atEnd(c))
         c->at++;
     if (c->at == start)
-        return fail(c->error, start, "T= has no value; allowed: such as T=INT16");
+        return plcLinkFail(c->error, start, "T= has no value; allowed: such as T=INT16");
     link->type = plcTypeFind(c->text + start, c->at - start);
     if (link->type)
         return 0;
     if (!plcOtherType(c->text + start, c->at - start, types, sizeof(types)))
         plcTypeList(~0u, 8, types, sizeof(types));
-    return fail(c->error, start, "T=%s is no data type; allowed: %s",
-                wordFrom(c, start, quote), types);
+    return plcLinkFail(c->error, start, "T=%s is no data type; allowed: %s",
+                       wordFrom(c, start, quote), types);
 }
 
 static int parseL(cursor *c, plcLink *link)
@@ -287,8 +280,8 @@ static int parseB(cursor *c, plcLink *link)
     if (parseSigned(c, 'B', &bit))
         return -1;
     if (bit < 0 || bit > 63)
-        return fail(c->error, start, "B=%lld is no bit number; allowed: 0 to 63",
-                    (long long)bit);
+        return plcLinkFail(c->error, start, "B=%lld is no bit number; allowed: 0 to 63",
+                           (long long)bit);
     link->bit = (unsigned)bit;
     return 0;
 }
@@ -298,9 +291,6 @@ static int parseR(cursor *c, plcLink *link)
     skipBlanks(c);
     return parseSum(c, "R=", &link->readback);
 }
-
-#define WORD_ORDERS "high low ABCD CDAB BADC DCBA"
-#define TEXT_ORDERS "ABCD CDAB BADC DCBA A0 0A"
 
 static int parseW(cursor *c, plcLink *link)
 {
@@ -324,8 +314,8 @@ static int parseW(cursor *c, plcLink *link)
     while (!atEnd(c))
         c->at++;
     if (c->at == start)
-        return fail(c->error, start,
-                    "W= has no value; allowed: W=" WORD_ORDERS ", for texts " TEXT_ORDERS);
+        return plcLinkFail(c->error, start,
+                           "W= has no value; allowed: W=" PLC_WORD_ORDERS ", for texts " PLC_TEXT_ORDERS);
     for (i = 0; i < sizeof(orders) / sizeof(orders[0]); i++) {
         if (strlen(orders[i].word) != c->at - start ||
             epicsStrnCaseCmp(c->text + start, orders[i].word, c->at - start))
@@ -335,9 +325,9 @@ static int parseW(cursor *c, plcLink *link)
         link->textOrder = orders[i].text;
         return 0;
     }
-    return fail(c->error, start,
-                "W=%s is no word order; allowed: W=" WORD_ORDERS ", for texts " TEXT_ORDERS,
-                wordFrom(c, start, quote));
+    return plcLinkFail(c->error, start,
+                       "W=%s is no word order; allowed: W=" PLC_WORD_ORDERS ", for texts " PLC_TEXT_ORDERS,
+                       wordFrom(c, start, quote));
 }
 
 static const struct {
@@ -362,12 +352,12 @@ static int parseOption(cursor *c, plcLink *link)
     size_t start = c->at, i = 0;
 
     if (!atOption(c->text + start))
-        return fail(c->error, start, "unknown option \"%s\"; allowed: T= L= H= B= R= W=",
-                    wordFrom(c, start, quote));
+        return plcLinkFail(c->error, start, "unknown option \"%s\"; allowed: T= L= H= B= R= W=",
+                           wordFrom(c, start, quote));
     while (options[i].letter != letter)
         i++;
     if (link->has & options[i].has)
-        warn(c->error, start, "%c= is given twice: the last one counts", letter);
+        plcLinkWarn(c->error, start, "%c= is given twice: the last one counts", letter);
     link->has |= options[i].has;
     *(size_t *)((char *)link + options[i].column) = start;
     c->at += 2;
@@ -389,19 +379,19 @@ static int parseOptions(cursor *c, plcLink *link)
             break;
         if (here(c) == '\'') {
             if (c->text[quote] != '\'')
-                return fail(c->error, c->at,
-                            "a quote ' is allowed only around all options");
+                return plcLinkFail(c->error, c->at,
+                                   "a quote ' is allowed only around all options");
             c->at++;
             skipBlanks(c);
             if (here(c))
-                warn(c->error, c->at, "what follows the closing quote ' is ignored");
+                plcLinkWarn(c->error, c->at, "what follows the closing quote ' is ignored");
             return 0;
         }
         if (parseOption(c, link))
             return -1;
     }
     if (c->text[quote] == '\'')
-        warn(c->error, quote, "the quote ' is not closed");
+        plcLinkWarn(c->error, quote, "the quote ' is not closed");
     return 0;
 }
 
@@ -419,10 +409,10 @@ static int parseStation(cursor *c, plcLink *link)
         c->at++;
     length = c->at - start;
     if (length == 0)
-        return fail(c->error, start, "no PLC name; allowed: @PLCname/offset T=type ...");
+        return plcLinkFail(c->error, start, "no PLC name; allowed: @PLCname/offset T=type ...");
     if (length > PLC_NAME_MAX)
-        return fail(c->error, start, "the PLC name is too long; allowed: %d characters",
-                    PLC_NAME_MAX);
+        return plcLinkFail(c->error, start, "the PLC name is too long; allowed: %d characters",
+                           PLC_NAME_MAX);
     memcpy(link->station, c->text + start, length);
     link->station[length] = 0;
     return 0;
@@ -437,8 +427,8 @@ static int parseOffset(cursor *c, plcLink *link)
     if (here(c) == 0)
         return 0;
     if (here(c) != '/')
-        return fail(c->error, c->at, "\"/\" expected before \"%s\", as in @%.40s/0",
-                    wordFrom(c, c->at, quote), link->station);
+        return plcLinkFail(c->error, c->at, "\"/\" expected before \"%s\", as in @%.40s/0",
+                           wordFrom(c, c->at, quote), link->station);
     c->at++;
     skipBlanks(c);
     link->column.offset = c->at;
@@ -459,184 +449,4 @@ int plcLinkParse(const char *text, plcLink *link, plcLinkError *error)
     if (parseStation(&c, link) || parseOffset(&c, link) || parseOptions(&c, link))
         return -1;
     return 0;
-}
-
-/* The type: what the link says, else the record type's default. */
-static int completeType(plcLink *link, const plcShape *shape, plcLinkError *error)
-{
-    const plcType *type = link->type;
-    char types[160];
-
-    if (!(link->has & plcHasT))
-        type = plcTypeFind(shape->defaultType, strlen(shape->defaultType));
-    if (type && type->kind & shape->kinds &&
-        (!(type->kind & plcWhole) || type->size <= shape->maxSize)) {
-        link->type = type;
-        return 0;
-    }
-    plcTypeList(shape->kinds, shape->maxSize, types, sizeof(types));
-    return fail(error, link->column.T, "T=%s does not fit %s; allowed: %s",
-                type ? type->name : shape->defaultType, shape->recordType, types);
-}
-
-/* The limits that hold when nothing is said. */
-static void defaultLimits(const plcType *type, epicsInt64 *low, epicsInt64 *high)
-{
-    *low = type->low;
-    *high = type->high;
-    if (type->size == 8) {
-        *low = type->kind == plcSigned ? -INT64_HIGHEST : 0;
-        *high = INT64_HIGHEST;
-    }
-}
-
-/* L and H of an integer type. As with s7plc, H alone means L=0, and L=0 H=0 (which macros
- * like to leave) means the type's own limits. */
-static int completeLimits(plcLink *link, const plcShape *shape, plcLinkError *error)
-{
-    const plcType *type = link->type;
-    int matters = shape->options & plcHasL && shape->options & plcHasH;
-    epicsInt64 low, high;
-
-    defaultLimits(type, &low, &high);
-    if (link->has & plcHasH && link->high > high)
-        return fail(error, link->column.H,
-                    "H=%lld is beyond the type; allowed for %s: up to %lld",
-                    (long long)link->high, type->name, (long long)high);
-    if (!(link->has & plcHasH))
-        link->high = high;
-    if (!(link->has & (plcHasL | plcHasH)))
-        link->low = low;
-    if (link->low == 0 && link->high == 0) {
-        link->low = low;
-        link->high = high;
-    }
-    if (matters && link->low >= link->high)
-        return fail(error, link->has & plcHasL ? link->column.L : link->column.H,
-                    "L=%lld H=%lld: L must be less than H", (long long)link->low,
-                    (long long)link->high);
-    if (matters && link->low < low - (type->kind == plcSigned))
-        warn(error, link->column.L, "L=%lld is below the type: %s begins at %lld",
-             (long long)link->low, type->name,
-             (long long)low - (type->kind == plcSigned));
-    return 0;
-}
-
-/* L of a string: its length in bytes. */
-static int completeString(plcLink *link, size_t length, plcLinkError *error)
-{
-    if (link->low < 0 || (link->low == 0 && length == 0))
-        return fail(error, link->column.L,
-                    "L=%lld: the length of a string must be 1 byte or more",
-                    (long long)link->low);
-    if (link->low == 0)
-        link->low = (epicsInt64)length;
-    return 0;
-}
-
-/* L of an S7 STRING[L]; without it, as in the PLC, 254. */
-static int completeS7String(plcLink *link, plcLinkError *error)
-{
-    if (!(link->has & plcHasL))
-        link->low = PLC_S7STRING_MAX;
-    if (link->low < 1 || link->low > PLC_S7STRING_MAX)
-        return fail(error, link->column.L,
-                    "L=%lld: an S7STRING has 1 to %d characters, as the PLC's STRING[n]",
-                    (long long)link->low, PLC_S7STRING_MAX);
-    return 0;
-}
-
-/* A bit of the type, even where the record type has no use for it. */
-static int completeBit(const plcLink *link, plcLinkError *error)
-{
-    unsigned bits = 8 * link->type->size;
-
-    if (link->type->kind & plcText || link->bit < bits)
-        return 0;
-    return fail(error, link->column.B, "B=%u: %s has bits 0 to %u", link->bit,
-                link->type->name, bits - 1);
-}
-
-/* Limits are for whole numbers. L=0 H=0 is what macros like to leave. */
-static void completeReal(const plcLink *link, plcLinkError *error)
-{
-    if (link->type->kind == plcReal && (link->low || link->high))
-        warn(error, link->has & plcHasL ? link->column.L : link->column.H,
-             "L= and H= have no effect on %s: it is neither cut nor scaled by them",
-             link->type->name);
-}
-
-/* The order of words, where there are words: elements of 4 and 8 bytes; and that of texts. */
-static int completeWords(const plcLink *link, const plcShape *shape, plcLinkError *error)
-{
-    const char *name = link->type->name;
-    int text = link->type->kind & plcText;
-
-    if (!(link->has & plcHasW))
-        return 0;
-    if (!text && link->highWordFirst < 0)
-        return fail(error, link->column.W,
-                    "W=A0 and W=0A are for texts, not %s; allowed: W=" WORD_ORDERS, name);
-    if (shape->options & plcHasW && text && link->textOrder < 0)
-        warn(error, link->column.W,
-             "W=high and W=low have no effect on %s: the order of a text is W=" TEXT_ORDERS, name);
-    else if (!(shape->options & plcHasW) ||
-             (!text && link->type->size < (link->wordBigEndian < 0 ? 4 : 2)))
-        warn(error, link->column.W,
-             "W= has no effect on %s: only types of 4 and 8 bytes "
-             "have an order of words",
-             name);
-    return 0;
-}
-
-int plcLinkComplete(plcLink *link, const plcShape *shape, size_t length,
-                    plcLinkError *error)
-{
-    memset(error, 0, sizeof(*error));
-    if (completeType(link, shape, error))
-        return -1;
-    if (link->type->kind & plcWhole && completeLimits(link, shape, error))
-        return -1;
-    if (link->type->kind == plcString && completeString(link, length, error))
-        return -1;
-    if (link->type->kind == plcS7String && completeS7String(link, error))
-        return -1;
-    if (completeBit(link, error))
-        return -1;
-    completeReal(link, error);
-    if (link->has & plcHasR & ~shape->options)
-        return fail(error, link->column.R, "R= (read-back) is for outputs only, not %s",
-                    shape->recordType);
-    return completeWords(link, shape, error);
-}
-
-int plcLinkTextLength(const plcLink *link, int order, size_t *length, plcLinkError *error)
-{
-    size_t unit = plcTextUnit(order), over = *length % unit;
-    long long low = (long long)link->low;
-
-    if (over && link->has & plcHasL)
-        return fail(error, link->column.L,
-                    "L=%lld: in this order a text has a multiple of %u bytes%s; allowed: such as "
-                    "L=%lld",
-                    low, (unsigned)unit, link->type->kind == plcS7String ? " with its head" : "",
-                    low + (long long)(unit - over));
-    *length -= over;
-    return *length ? 0
-                   : fail(error, link->column.offset,
-                          "no room for a text of %u bytes, the least in this order",
-                          (unsigned)unit);
-}
-
-int plcLinkOrder(const plcLink *link, int order, int textOrder)
-{
-    int bigEndian = order & plcBigEndian;
-
-    if (link->type->kind & plcText)
-        return link->has & plcHasW && link->textOrder >= 0 ? link->textOrder : textOrder;
-    if (link->has & plcHasW && link->wordBigEndian >= 0)
-        bigEndian = link->wordBigEndian ? plcBigEndian : 0;
-    if (link->type->size < 4)
-        return bigEndian;
-    return link->has & plcHasW ? plcOrder(bigEndian, link->highWordFirst) : order;
 }

@@ -24,6 +24,10 @@
 #define plcHasR 16
 #define plcHasW 32
 
+/* What W= may be, of numbers and of texts. */
+#define PLC_WORD_ORDERS "high low ABCD CDAB BADC DCBA"
+#define PLC_TEXT_ORDERS "ABCD CDAB BADC DCBA A0 0A"
+
 typedef struct plcLink {
     char station[PLC_NAME_MAX + 1];
     unsigned has;        /* plcHasT | ... */
@@ -46,6 +50,14 @@ typedef struct plcLinkError {
     size_t column;
     char text[800]; /* long enough for what is allowed */
 } plcLinkError;
+
+/* Fills in the error. Returns -1, so that a refusal is one line. */
+int plcLinkFail(plcLinkError *error, size_t column, const char *format, ...)
+    EPICS_PRINTF_STYLE(3, 4);
+
+/* Accepted, but doubtful. The first doubt is told. */
+void plcLinkWarn(plcLinkError *error, size_t column, const char *format, ...)
+    EPICS_PRINTF_STYLE(3, 4);
 
 /* Parses `text` (with or without the leading '@'). Returns 0, or -1 with *error filled.
  * A text that is accepted but doubtful (an octal number, an option given twice) returns 0
