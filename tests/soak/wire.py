@@ -32,6 +32,17 @@ class Loop:
         self.thread.join(10)
 
 
+def abort(writer):
+    """Ends a connection by RST, if it is not closed yet."""
+    sock = writer.get_extra_info("socket")
+    if sock is not None:
+        try:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        except OSError:
+            pass
+    writer.transport.abort()
+
+
 class Passage:
     """One connection: two pumps."""
 
@@ -116,13 +127,7 @@ class Passage:
         self.ended = True
         for writer in self.writers.values():
             if reset:
-                sock = writer.get_extra_info("socket")
-                if sock is not None:
-                    try:
-                        sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-                    except OSError:
-                        pass
-                writer.transport.abort()
+                abort(writer)
             else:
                 writer.close()
         self.proxy.gone(self)
@@ -165,9 +170,7 @@ class Proxy:
                 far[1].transport.abort()
                 raise ConnectionResetError
         except (OSError, asyncio.TimeoutError):
-            writer.get_extra_info("socket").setsockopt(
-                socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-            writer.transport.abort()
+            abort(writer)
             return
         for each in (writer, far[1]):
             each.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

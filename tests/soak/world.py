@@ -8,6 +8,7 @@ import signal
 import subprocess
 import threading
 import time
+import warnings
 
 os.environ["EPICS_CA_MAX_SEARCH_PERIOD"] = "60"  # s, the least there is: a channel that was lost must come back
 import client  # noqa: E402  sets the environment before anything loads libca
@@ -17,6 +18,8 @@ from sim import Sim  # noqa: E402
 
 from . import judge, plan, pva, wire  # noqa: E402
 from .plan import Fault  # noqa: E402
+
+warnings.filterwarnings("ignore", "ca.get", UserWarning)  # what took too long is asked again, and judged
 
 PATIENCE = 90.0  # s, for what must come in the end, of a machine that keeps up: judge.Patience
 WRITE = 2        # alarm status
