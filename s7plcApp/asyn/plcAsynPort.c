@@ -109,7 +109,7 @@ static void commonReport(void *pvt, FILE *file, int details)
     if (details < 1)
         return;
     fprintf(file,
-            "    %d places, %d who are called back; %llu callbacks in %llu passes; "
+            "    %d places, %d with callbacks; %llu callbacks in %llu passes; "
             "%llu blocks were replaced by a newer one; %u traces dropped\n",
             places, users, (unsigned long long)callbacks, (unsigned long long)passes,
             (unsigned long long)coalesced, plcAsynTraceDropped(port->trace));

@@ -809,7 +809,7 @@ def test_report(new_peer, new_asyn):
     ioc.put("bad.PROC", 1, wait=False)
     until(lambda: "PLC PLC: connected" in ioc.command("asynReport 0 A"))
     one = ioc.command("asynReport 1 A")
-    assert "3 places, 2 who are called back" in one and "0 traces dropped" in one
+    assert "3 places, 2 with callbacks" in one and "0 traces dropped" in one
     assert "in 16 bytes, out 8 bytes" in one
     two = ioc.command("asynReport 2 A")
     assert '"out 4 R=4" asynInt32, 1 called back' in two
