@@ -104,11 +104,13 @@ def lines(series, unit, scale):
                         for t, v in of)
         parts.append(f'<polyline points="{path}" fill="none" stroke="{COLOURS[i % len(COLOURS)]}">'
                      f"<title>{escape(name)}</title></polyline>")
+        parts.append(f'<text x="{left + i % 5 * 110}" y="{height + 12 + i // 5 * 14}" '
+                     f'fill="{COLOURS[i % len(COLOURS)]}">{escape(name)}</text>')
     for i in range(3):
         y = height - 20 - i / 2.2 * (height - 40)
         parts.append(f'<text x="{left - 4}" y="{y}" text-anchor="end">{top * i / 2.2 / scale:.3g} {unit}</text>')
     parts.append(f'<text x="{width - 8}" y="{height - 4}" text-anchor="end">{end:.0f} s</text>')
-    return svg(width, height, parts)
+    return svg(width, height + 4 + 14 * -(-len(series) // 5), parts)
 
 
 def bars(counts):
@@ -188,4 +190,5 @@ def page(options, folders):
             + by_fault(results, "switch-over", "Switch-over")
             + by_fault(results, "put to PLC", "Put until the PLC has it, faults included")
             + by_fault(results, "exit", "exit of an IOC")
+            + by_fault(results, "machine late", "How late threads of the checker were at most, in the last 10 s")
             + "</body></html>\n")

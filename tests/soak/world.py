@@ -566,6 +566,7 @@ class World:
             for latency in self.outputs.latencies:
                 self.recorder.figure("put to PLC", self.NAME, latency)
             self.outputs.latencies.clear()
+        self.recorder.figure("machine late", self.NAME, self.pulse.worst())
         self.recorder.write(5)
 
     def resources(self):
