@@ -17,7 +17,8 @@ extensions = ["myst_parser"]
 exclude_patterns = ["O.*"]
 html_theme = "sphinx_rtd_theme"
 html_title = f"plclink {release}"
-html_static_path = []
+html_static_path = ["static"]
+html_css_files = ["site.css"]
 html_extra_path = ["plc-tables.scl"]
 
 # Links to headings of other pages, as a forge makes them; definition lists for the glossary.
