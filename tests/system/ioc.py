@@ -155,6 +155,14 @@ class Ioc:
             assert pv.wait_for_connection(LIMIT), f"no PV {self.P + name}\n{self.log}"
         return self.pvs[name]
 
+    def watch(self, name):
+        """A list that has the value, and gets each one that a monitor brings from now on."""
+        seen = []
+        self.pvs[f"{name}, watched"] = epics.PV(self.P + name,
+                                                callback=lambda value=None, **_: seen.append(value))
+        until(lambda: seen, f"the first value of a monitor of {self.P + name}")
+        return seen
+
     def connect(self, names):
         """Connects many at once: one by one takes its time."""
         new = [name for name in names if name not in self.pvs]

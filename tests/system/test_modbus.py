@@ -3,7 +3,6 @@ import random
 import struct
 import time
 
-import epics
 import pytest
 
 from ioc import errors_in
@@ -552,17 +551,16 @@ def test_refused_state_at_start(new_modbus, new_ioc):
     peer = new_modbus()
     rule = peer.refuse((3, 4), 0, 65536, code=2)
     ioc = new_ioc(peer.configure("holding 0 10 every 20", timeout=300), REFUSED, templates=[("s7plcStation.db", "P=$(P),PLC=PLC")])
-    states = []
-    ioc.pv("State").add_callback(lambda value, **more: states.append(value))
+    states = ioc.watch("State")
     ioc.wait_value("State", 9)
     assert ioc.text("LostTime") == ""
     peer.silent = True
     ioc.wait_value("State", 1)
     peer.silent = False
     ioc.wait_value("State", 9)
-    assert 3 not in states
+    assert 3 not in states, states
     peer.refuse_no_more(rule)
-    ioc.wait_value("State", 3)
+    until(lambda: states[-1] == 3, lambda: f"ok; it was {states}")
 
 
 CODES = {1: "illegal function", 2: "illegal data address", 3: "illegal data value",
@@ -812,15 +810,12 @@ def test_output_connected(new_modbus, new_ioc):
     ioc.wait_value("oc", 1)
     peer.silent = True
     ioc.wait_value("oc", 0)
-    seen = []
-    pv = epics.PV(ioc.P + "oc", callback=lambda value=None, **_: seen.append(value))
-    until(lambda: seen, "the first value of the monitor")
+    seen = ioc.watch("oc")
     peer.wait_connected(peer.connections + 8)
     ioc.get("oc")
     assert set(seen) == {0}, seen
     peer.silent = False
     until(lambda: seen[-1] == 1, lambda: f"outputConnected is {seen}")
-    pv.disconnect()
 
 
 def test_black_hole(new_ioc, black_hole):

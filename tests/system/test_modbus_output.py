@@ -1052,13 +1052,12 @@ def test_silent_server_does_not_chatter(new_modbus, new_ioc):
         record(longin, "$(P)connected") { field(DTYP, "S7plc stats") field(INP, "@PLC/outputConnected") field(SCAN, "I/O Intr") }
         """)
     plc.wait_connected(3)
-    seen = []
-    ioc.pv("connected").add_callback(lambda value, **kw: seen.append(value), run_now=True)
+    seen = ioc.watch("connected")
     ioc.wait_value("connected", 0)
     plc.wait_connected(8)
     assert 1 not in seen, seen
     plc.silent = False
-    ioc.wait_value("connected", 1)
+    until(lambda: seen[-1] == 1, lambda: f"connected is {seen}")
     ioc.put("o", 5)
     until_equal(lambda: plc.holding[0], 5)
     ioc.wait_alarm("o", "NO_ALARM")

@@ -62,6 +62,7 @@ typedef struct devRecord {
     size_t length;       /* bytes of the whole value */
     int order;           /* of its bytes: plcCodec.h */
     unsigned has;    /* options that stood in the link: plcHasT | ... */
+    int lost;        /* an input that has processed since its PLC was lost */
     unsigned in;     /* bits of devListKind: the lists that it is in; looked at for each value
                         that is read, and so in the lines that a pass fetches ahead */
     int buffered;    /* prepare sets this: make a buffer */
@@ -280,6 +281,9 @@ void devStampNow(dbCommon *prec);
 
 /* The time of a record whose alarm or value changes without processing. */
 void devStamp(dbCommon *prec);
+
+/* Its alarm has these words; where Base has no AMSG: always. */
+int devSays(const dbCommon *prec, const char *reason);
 
 /* Refuses to write: WRITE_ALARM with these words. Returns -1. */
 long devRefuseWrite(dbCommon *prec, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);

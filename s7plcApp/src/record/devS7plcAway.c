@@ -94,8 +94,12 @@ static void update(dbCommon *prec, const plcStation *station)
 
     if (!dev || dev->station != station || prec->pact)
         return;
-    if (dev->raised == COMM_ALARM && isAway(dev))
+    if (dev->raised == COMM_ALARM && isAway(dev)) {
+        if (!plcStationOutputConnected(dev->station, reason) && prec->stat == COMM_ALARM &&
+            !devSays(prec, reason))
+            settle(prec, dev, COMM_ALARM, reason); /* it is away for another reason now */
         return;
+    }
     if (isRefused(dev, reason))
         alarm = WRITE_ALARM;
     else if (dev->unseen && dev->unseen(dev, reason))

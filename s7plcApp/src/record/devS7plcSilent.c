@@ -1,5 +1,5 @@
-/* Input records with SCAN "I/O Intr" that no block has made process yet: what they show until
- * one does. A data record says in its alarm why there is no data, without processing: sites
+/* Input records with SCAN "I/O Intr" that no block has made process yet, or none since the PLC was
+ * lost: what they show until one does. A data record says in its alarm why there is no data, without processing: sites
  * hang chains on the first processing, which must see the first block. "S7plc stat" says
  * that the PLC is not there.
  *
@@ -17,23 +17,13 @@
 #include "devS7plc.h"
 #include "plcCompat.h"
 
-static int says(const dbCommon *prec, const char *reason)
-{
-#ifdef HAS_ALARM_MESSAGE
-    return prec->stat == COMM_ALARM && strcmp(prec->amsg, reason) == 0;
-#else
-    (void)reason;
-    return prec->stat == COMM_ALARM;
-#endif
-}
-
 /* The record is locked. */
 static void sayWhy(dbCommon *prec, const devRecord *dev)
 {
     char reason[PLC_REASON_SIZE];
 
     plcImageReason(dev->image, reason);
-    if (!reason[0] || says(prec, reason))
+    if (!reason[0] || (prec->stat == COMM_ALARM && devSays(prec, reason)))
         return; /* a pass is about to process it; or it has been said */
     plcClearMessage(prec);
     recGblSetSevrMsg(prec, COMM_ALARM, INVALID_ALARM, "%s", reason);
@@ -49,6 +39,8 @@ static void update(dbCommon *prec, plcStation *station)
     if (!dev || dev->station != station || !devIsIn(dev, devSilent) || prec->pact ||
         prec->scan != SCAN_IO_EVENT)
         return;
+    if (dev->image && dev->lost && plcStationConnected(station, NULL))
+        return; /* a block is on its way, or the next reason */
     if (dev->image)
         sayWhy(prec, dev);
     else if (!plcStationConnected(station, NULL))

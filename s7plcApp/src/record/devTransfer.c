@@ -7,6 +7,7 @@
 
 #include <alarm.h>
 #include <dbAccess.h>
+#include <dbScan.h>
 #include <epicsStdio.h>
 #include <epicsTime.h>
 
@@ -35,6 +36,7 @@ PLC_HOT long devFetch(dbCommon *prec, void *bytes)
 
     if (!dev)
         return -1;
+    dev->lost = 0;
     if (devIsIn(dev, devSilent))
         devListLeave(dev, devSilent);
     if (plcImageRead(dev->image, dev->offset, dev->length, bytes,
@@ -43,6 +45,10 @@ PLC_HOT long devFetch(dbCommon *prec, void *bytes)
     plcImageReason(dev->image, reason);
     recGblSetSevrMsg(prec, COMM_ALARM, INVALID_ALARM, "%s", reason);
     devStampNow(prec);
+    if (prec->scan == SCAN_IO_EVENT) {
+        dev->lost = 1; /* before the PLC is back it does not process: its reason may change */
+        devSilentJoin(dev, 0);
+    }
     return -1;
 }
 

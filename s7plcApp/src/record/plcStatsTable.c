@@ -150,20 +150,6 @@ static int putsSynced(const plcStats *stats)
     }
 }
 
-/* A wire that acknowledges goes somewhere when it has answered: a server that accepts
- * connections and is silent would else be connected for a second, again and again. */
-static int putsGo(plcStation *station, const plcStats *stats)
-{
-    return stats->outputConnected &&
-           !(plcStationOutFaults(station) && plcStationHeld(station));
-}
-
-GETTER(getOutputConnected)
-{
-    (void)row;
-    value->integer = putsGo(station, stats);
-}
-
 GETTER(getSetpoints)
 {
     plcFaults *faults = plcStationOutFaults(station);
@@ -175,7 +161,7 @@ GETTER(getSetpoints)
         value->integer = putsNone;
     else if (plcStationHeader(station))
         value->integer = putsSynced(stats);
-    else if (!putsGo(station, stats))
+    else if (!stats->outputConnected)
         value->integer = putsNoOutput;
     else if (stats->state == plcStateLayout)
         value->integer = putsMismatch;
@@ -279,7 +265,7 @@ const plcStatRow plcStatRows[] = {
     {"reconnects",        plcStatInteger, getCount,           AT(disconnects)},
     {"connectErrors",     plcStatInteger, getCount,           AT(connectErrors)},
     {"setpoints",         plcStatInteger, getSetpoints,       0},
-    {"outputConnected",   plcStatInteger, getOutputConnected, 0},
+    {"outputConnected",   plcStatInteger, getInt,             AT(outputConnected)},
     {"putsWaiting",       plcStatInteger, getInt,             AT(putsWaiting)},
     {"putsDropped",       plcStatInteger, getCount,           AT(putsDropped)},
     {"requests",          plcStatInteger, getCount,           AT(requests)},

@@ -56,6 +56,22 @@ PLC_HOT void plcInputFollowStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wak
         plcEarlier(wake, s->followAgain);
 }
 
+/* Outputs go somewhere. A wire that acknowledges puts is connected when it has answered: a server that
+ * takes connections and is silent would else be connected for a second, again and again. */
+static void tellOutputs(plcStation *s)
+{
+    int goes = epicsAtomicGetIntT(&s->leads) &&
+               !(s->shows && epicsAtomicGetIntT(&s->waitsFirst));
+    int before;
+
+    epicsMutexMustLock(s->lock);
+    before = s->stats.outputConnected;
+    s->stats.outputConnected = goes;
+    epicsMutexUnlock(s->lock);
+    if (goes != before)
+        plcStationChanged(s);
+}
+
 /* What the PLC holds of the outputs is read by requests on each connection, blocks or not. */
 void plcInputHeld(plcStation *s)
 {
@@ -71,6 +87,7 @@ void plcInputHeld(plcStation *s)
     if (held == before)
         return;
     epicsAtomicSetIntT(&s->waitsFirst, held);
+    tellOutputs(s);
     if (!held)
         plcInputFollow(s, 0);
 }
@@ -91,9 +108,7 @@ void plcInputSetLeads(plcStation *s)
         leads = 0;
     epicsAtomicSetIntT(&s->connected, connected);
     epicsAtomicSetIntT(&s->leads, leads);
-    epicsMutexMustLock(s->lock);
-    s->stats.outputConnected = leads;
-    epicsMutexUnlock(s->lock);
+    tellOutputs(s);
     if (leads != before)
         plcStationChanged(s);
     plcStationGate(s);

@@ -139,8 +139,11 @@ PLC_COLD static void lineFailed(plcStation *s, unsigned i, epicsUInt64 now,
     epicsMutexMustLock(s->lock);
     s->stats.connectErrors++;
     epicsMutexUnlock(s->lock);
-    if (plcLineIsOutput(s, i) || (s->leader < 0 && !line->wrongSize))
+    if (plcLineIsOutput(s, i) || (s->leader < 0 && !line->wrongSize)) {
         plcStationReason(s, i, why);
+        if (plcLineIsOutput(s, i) && !line->logged)
+            plcInputFollow(s, 0); /* the reason is another one than it was */
+    }
     if (!line->logged) {
         line->logged = 1;
         epicsSnprintf(text, sizeof(text),
@@ -229,7 +232,7 @@ PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char
     plcLine *line = &s->lines[i];
     const plcConnection *c = &line->connection;
     epicsUInt64 lasted = c->state == plcConnectionUp ? now - c->since : c->lasted;
-    int led = (int)i == s->leader;
+    int led = (int)i == s->leader, saidBefore = line->lostEmpty;
 
     /* One that held for a while was good: a PLC that hangs up at once is tried slower. */
     if (lasted >= plcMsToNs(SETTLED_MS))
@@ -258,7 +261,7 @@ PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char
     line->lostAt = now;
     line->lastBlock = 0;
     line->isKept = 0;
-    line->logged = 1;
+    line->logged = saidBefore; /* why it cannot be made again may be something else */
     retryLater(line, now);
     epicsMutexMustLock(s->lock);
     s->stats.disconnects++;
