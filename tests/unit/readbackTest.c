@@ -11,7 +11,7 @@
 #define LIMIT 1000000000u /* ns */
 #define STEP 1000000u
 
-static plcReadback *r;
+static plcReadback *r, *more;
 static plcImage *out;
 static epicsUInt64 now;
 static int through;
@@ -21,13 +21,16 @@ static void begin(void)
     now = LIMIT;
     through = 1;
     r = plcReadbackCreate();
+    more = plcReadbackCreate();
     out = plcImageCreate(4);
     plcReadbackNote(r, 1);
+    plcReadbackNote(more, 1);
 }
 
 static void end(void)
 {
     plcReadbackDestroy(r);
+    plcReadbackDestroy(more);
     plcImageDestroy(out);
 }
 
@@ -35,7 +38,7 @@ static void putByte(size_t offset, char byte, const void *mask)
 {
     plcWritten written;
 
-    plcReadbackWrite(r, out, offset, 1, &byte, mask, &written, now);
+    plcReadbackWrite(r, more, out, offset, 1, &byte, mask, &written, now);
 }
 
 static void leave(void)
@@ -205,12 +208,31 @@ static void testNew(void)
     end();
 }
 
+/* A put of before has had its time, but not this one. */
+static void testMore(void)
+{
+    static const int place = 0;
+
+    begin();
+    plcReadbackAdd(more, &place, 0, 0, 1, NULL);
+    plcReadbackTake(more, "a", out);
+    putByte(0, 'b', NULL);
+    plcImageHandOver(out);
+    plcReadbackTrack(more, "a", out, now, LIMIT, 1);
+    now += LIMIT;
+    putByte(0, 'c', NULL);
+    testOk(plcReadbackTrack(more, "a", out, now, LIMIT, 1) == 0 && held(0) == 'c',
+           "a second list has its note with the put");
+    end();
+}
+
 MAIN(readbackTest)
 {
-    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 3 + 4 + 5);
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 3 + 4 + 5 + 1);
     testSteps();
     testMasks();
     testOverlap();
     testNew();
+    testMore();
     return testDone();
 }

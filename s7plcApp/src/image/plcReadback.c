@@ -295,30 +295,25 @@ static int takesNotes(plcReadback *r)
     return epicsAtomicGetIntT(&r->noting) || epicsAtomicGetIntT(&r->fresh);
 }
 
-/* No block is judged between the write and the note: the lock is held. */
-int plcReadbackWrite(plcReadback *r, plcImage *out, size_t offset, size_t length,
-                     const void *src, const void *mask, plcWritten *written, epicsUInt64 now)
+/* No block is judged between the write and the note: the locks are held. */
+int plcReadbackWrite(plcReadback *r, plcReadback *more, plcImage *out, size_t offset,
+                     size_t length, const void *src, const void *mask, plcWritten *written,
+                     epicsUInt64 now)
 {
-    int status;
+    plcReadback *noting[2] = {takesNotes(r) ? r : NULL, takesNotes(more) ? more : NULL};
+    int status, i;
 
-    if (!takesNotes(r))
-        return plcImageWrite(out, offset, length, src, mask, written);
-    epicsMutexMustLock(r->lock);
+    for (i = 0; i < 2; i++)
+        if (noting[i])
+            epicsMutexMustLock(noting[i]->lock);
     status = plcImageWrite(out, offset, length, src, mask, written);
-    if (status >= 0)
-        noteAll(r, out, offset, length, mask, written->takes, now);
-    epicsMutexUnlock(r->lock);
+    for (i = 0; i < 2; i++)
+        if (noting[i] && status >= 0)
+            noteAll(noting[i], out, offset, length, mask, written->takes, now);
+    for (i = 2; i-- > 0;)
+        if (noting[i])
+            epicsMutexUnlock(noting[i]->lock);
     return status;
-}
-
-void plcReadbackWrote(plcReadback *r, plcImage *out, size_t offset, size_t length,
-                      const void *mask, size_t takes, epicsUInt64 now)
-{
-    if (!takesNotes(r))
-        return;
-    epicsMutexMustLock(r->lock);
-    noteAll(r, out, offset, length, mask, takes, now);
-    epicsMutexUnlock(r->lock);
 }
 
 void plcReadbackWait(plcReadback *r, plcImage *out, epicsUInt64 now, int leaves)

@@ -50,15 +50,11 @@ unsigned plcReadbackTakeNew(plcReadback *readback, const void *block, plcImage *
 /* From now on (on = 1) puts are noted: before tracking begins. Any thread. */
 void plcReadbackNote(plcReadback *readback, int on);
 
-/* plcImageWrite into the output image, and a note for the places that it touches.
- * `now` is monotonic, ns. Any thread. */
-int plcReadbackWrite(plcReadback *readback, plcImage *out, size_t offset, size_t length,
-                     const void *src, const void *mask, plcWritten *written, epicsUInt64 now);
-
-/* The note alone, for a second list: those bits of the image were written just now, after it
- * had been taken `takes` times. */
-void plcReadbackWrote(plcReadback *readback, plcImage *out, size_t offset, size_t length,
-                      const void *mask, size_t takes, epicsUInt64 now);
+/* plcImageWrite into the output image, and a note for the places of both lists that it
+ * touches, before either is tracked again. `now` is monotonic, ns. Any thread. */
+int plcReadbackWrite(plcReadback *readback, plcReadback *more, plcImage *out, size_t offset,
+                     size_t length, const void *src, const void *mask, plcWritten *written,
+                     epicsUInt64 now);
 
 /* All places wait, as if what the image holds had been put now. leaves = 1: it is about to
  * leave (to another PLC); 0: it has left, nobody knows when. */

@@ -68,7 +68,8 @@ int plcStationPut(plcStation *s, size_t offset, size_t length, const void *data,
     if (!mark)
         mark = &ignored;
     mark->losses = epicsAtomicGetIntT(&s->outLosses);
-    status = plcReadbackWrite(s->readback, s->out, offset, length, data, mask, &written, now);
+    status = plcReadbackWrite(s->readback, s->tracked, s->out, offset, length, data, mask,
+                              &written, now);
     reason[0] = 0;
     mark->number = 0;
     if (status < 0) {
@@ -82,7 +83,6 @@ int plcStationPut(plcStation *s, size_t offset, size_t length, const void *data,
     }
     if (plcStationTraces(s, PLC_TRACE_PUTS))
         plcStationTracePut(s, offset, length, data, mask, NULL);
-    plcReadbackWrote(s->tracked, s->out, offset, length, mask, written.takes, now);
     epicsAtomicSetIntT(follows ? &s->followed : &s->written, 1);
     if (status > 0)
         plcStationWake(s);
