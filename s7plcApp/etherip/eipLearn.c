@@ -75,8 +75,7 @@ static void learnLong(eipWorker *w, eipTag *tag)
         return;
     if (!last.status) {
         epicsMutexMustLock(w->tagsLock);
-        tag->state = eipTagKnown;
-        w->tags.unknown--;
+        eipTagSetState(&w->tags, tag, eipTagKnown);
         tag->code = data.code;
         tag->handle = data.handle;
         tag->size = (unsigned)data.length;

@@ -261,9 +261,7 @@ static void storeUnit(eipWorker *w, eipUnit *u, const eipData *data)
 static void relearn(eipWorker *w, eipTag *tag, int newProgram)
 {
     epicsMutexMustLock(w->tagsLock);
-    if (tag->state != eipTagNew)
-        w->tags.unknown++;
-    tag->state = eipTagNew;
+    eipTagSetState(&w->tags, tag, eipTagNew);
     tag->instance = 0; /* they change with a download */
     epicsMutexUnlock(w->tagsLock);
     w->unknownRefusals += (unsigned)newProgram;

@@ -94,6 +94,12 @@ static void forget(eipTag *tag)
     tag->apart = 0;
 }
 
+void eipTagSetState(eipTags *t, eipTag *tag, eipTagState state)
+{
+    t->unknown += (state == eipTagNew) - (tag->state == eipTagNew);
+    tag->state = state;
+}
+
 int eipTagsSet(eipTags *t, eipWant *wants, unsigned count)
 {
     eipTag *tags = calloc(count + 1, sizeof(*tags)), *old;
@@ -223,9 +229,9 @@ int eipDataTake(const eipAnswer *answer, eipData *data)
     return r.bad || !eipTypeOf(data->code) ? -1 : 0;
 }
 
-static void bad(eipTag *tag, const char *reason)
+static void bad(eipTags *t, eipTag *tag, const char *reason)
 {
-    tag->state = eipTagBad;
+    eipTagSetState(t, tag, eipTagBad);
     epicsSnprintf(tag->reason, sizeof(tag->reason), "PLC: %.34s", reason);
 }
 
@@ -235,24 +241,22 @@ void eipTagLearn(eipTags *t, eipTag *tag, const eipAnswer *answer)
     eipData data;
     char text[64];
 
-    if (tag->state == eipTagNew)
-        t->unknown--;
     if (answer->status && answer->status != eipPartial) {
         eipStatusText(answer->status, answer->extended, text, sizeof(text));
-        bad(tag, text);
+        bad(t, tag, text);
         return;
     }
     if (eipDataTake(answer, &data)) {
         epicsSnprintf(text, sizeof(text), "type %04X is not known", data.code);
-        bad(tag, text);
+        bad(t, tag, text);
         return;
     }
     type = eipTypeOf(data.code);
     if (!data.length || (type->size && data.length < type->size)) {
-        bad(tag, "answer without a value");
+        bad(t, tag, "answer without a value");
         return;
     }
-    tag->state = eipTagKnown;
+    eipTagSetState(t, tag, eipTagKnown);
     tag->reason[0] = 0;
     tag->code = data.code;
     tag->handle = data.handle;

@@ -115,6 +115,9 @@ void eipTagsFree(eipTags *t);
  * were there before stays. All units are gone. Returns 0, -1: no memory. */
 int eipTagsSet(eipTags *t, eipWant *wants, unsigned count);
 
+/* Its state, and with it the number of tags that are new. */
+void eipTagSetState(eipTags *t, eipTag *tag, eipTagState state);
+
 /* A new session, or a new program: nothing is known any more. */
 void eipTagsForget(eipTags *t);
 

@@ -449,8 +449,9 @@ static void takeItem(eipWorker *w, unsigned i, const eipAnswer *answer, void *ar
         return;
     }
     if (answer->status == eipGeneral && answer->extended == eipExtType) {
-        w->tags.tags[it->tag].state = eipTagNew; /* it is another one now */
-        w->tags.unknown++;
+        epicsMutexMustLock(w->tagsLock);
+        eipTagSetState(&w->tags, &w->tags.tags[it->tag], eipTagNew); /* it is another one now */
+        epicsMutexUnlock(w->tagsLock);
     }
     if (answer->status && it->kind == itemElements && it->wants > 1) {
         writeApart(w, it);
