@@ -157,6 +157,25 @@ static epicsUInt64 dueClasses(eipWorker *w, epicsUInt64 now, epicsUInt64 *next)
     return classes;
 }
 
+/* What the PLC shows of the outputs: what was written since it was read is newer than that, and
+ * so is what waits, once the outputs have taken their first values from the PLC. */
+static void showOutputs(eipWorker *w)
+{
+    size_t i;
+
+    memcpy(w->outNews, w->in, w->used);
+    memset(w->waiting, 0, w->used);
+    if (w->mayWrite)
+        plcImagePutsWaiting(w->setup.out, NULL, w->waiting);
+    plcImagePeek(w->setup.out, 0, w->used, w->values);
+    for (i = 0; i < w->used; i++) {
+        epicsUInt8 ours = w->waiting[i] | w->written[i];
+
+        w->outNews[i] = (epicsUInt8)((w->outNews[i] & ~ours) | (w->values[i] & ours));
+    }
+    w->news.shown = 1;
+}
+
 static void publish(eipWorker *w, epicsUInt64 now)
 {
     w->stored = 0;
@@ -167,12 +186,8 @@ static void publish(eipWorker *w, epicsUInt64 now)
     w->newsUsed = w->used;
     epicsTimeGetCurrent(&w->news.stamp);
     w->news.blocks++;
-    if (w->setup.outSize && !w->firstTurn) {
-        memcpy(w->outNews, w->in, w->used);
-        /* What waits is newer than what was read. */
-        plcImagePutsWaiting(w->setup.out, w->outNews, NULL);
-        w->news.shown = 1;
-    }
+    if (w->setup.outSize && !w->firstTurn)
+        showOutputs(w);
     eipWorkerTell(w);
 }
 
@@ -242,6 +257,7 @@ static void storeUnit(eipWorker *w, eipUnit *u, const eipData *data)
         const eipWant *want = &t->wants[p->want];
         int wasBad = !w->in[want->place] && !w->in[want->place + 1];
 
+        memset(w->written + want->place, 0, want->room);
         if (want->kind == eipTextPlace && p->text == eipTextPerhaps && templatesCome(w))
             continue;
         why = eipPieceStore(t, p, data->bytes, data->length, w->in);

@@ -29,12 +29,13 @@ eipWorker *eipWorkerCreate(const plcTransportSetup *setup, const eipConnectOptio
     w->options.requestTimeout = 1000;
     w->options.relearn = 3000;
     w->connectOptions = *connect;
-    w->inNews = callocMustSucceed(6, size, "eipWorker");
+    w->inNews = callocMustSucceed(7, size, "eipWorker");
     w->outNews = w->inNews + size;
     w->in = w->outNews + size;
     w->leaving = w->in + size;
     w->values = w->leaving + size;
     w->waiting = w->values + size;
+    w->written = w->waiting + size;
     w->frame = mallocMustSucceed(eipFrameMax, "eipWorker");
     w->message = mallocMustSucceed(eipMessageMax, "eipWorker");
     eipSocketInit(&w->socket);
@@ -311,6 +312,7 @@ static void takeSocket(eipWorker *w)
     w->lost[0] = 0;
     w->asking = eipAskOther;
     memset(w->leaving, 0, w->used);
+    memset(w->written, 0, w->used);
     eipConnectBegin(&w->connect, (epicsUInt32)epicsMonotonicGet());
 }
 

@@ -122,6 +122,7 @@ struct eipWorker {
     epicsUInt8 *in;              /* the image as the PLC has it */
     epicsUInt8 *leaving, *values; /* bits of puts that are being written */
     epicsUInt8 *waiting;         /* bits of puts: for a moment */
+    epicsUInt8 *written;         /* bits that were written since they were read: `in` is older */
     eipPlaced *byPlace;          /* all wishes, sorted */
     epicsUInt8 *queued;          /* of each wish: it is among what is being written */
     eipReadPlan plans[eipPlansMax];

@@ -54,11 +54,14 @@ static void settle(eipWorker *w, const eipWant *want, const char *reason)
 {
     epicsUInt8 *mask = w->leaving + want->place;
     int changed;
+    size_t i;
 
     if (reason)
         changed = plcFaultsSet(w->setup.outFaults, want->place, want->room, mask, reason);
     else
         changed = plcFaultsClear(w->setup.outFaults, want->place, want->room, mask);
+    for (i = 0; i < want->room && !reason; i++)
+        w->written[want->place + i] |= mask[i];
     memset(mask, 0, want->room);
     if (!eipWorkerEnter(w))
         return;
