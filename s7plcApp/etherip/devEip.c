@@ -20,6 +20,9 @@ static long noValue(dbCommon *prec)
     return -1;
 }
 
+/* Elements that hold all of the bits by themselves. */
+static const char noNext[] = "an element has these bits: E in the link";
+
 static long fetchAcross(dbCommon *prec, const devRecord *dev, eipNumber *number)
 {
     const devEip *own = eipOf(dev);
@@ -30,8 +33,12 @@ static long fetchAcross(dbCommon *prec, const devRecord *dev, eipNumber *number)
     if (devEipFetchPlace(prec, dev->buffer))
         return -1;
     type = eipTypeOf((unsigned)eipGetUnsigned(place, 2));
-    if (!type || !type->size || type->size > 4)
+    if (!type || !type->size)
         return noValue(prec);
+    if (type->size > 4) {
+        recGblSetSevrMsg(prec, READ_ALARM, INVALID_ALARM, noNext);
+        return -1;
+    }
     bits = eipGetUnsigned(place + eipPlaceHead, type->size) |
            eipGetUnsigned(place + eipPlaceHead + type->size, type->size) << 32;
     number->kind = eipUnsigned;
@@ -186,6 +193,8 @@ long devEipStore(dbCommon *prec, const eipNumber *number)
         bits = (epicsUInt64)number->u.integer << eipOf(dev)->shift & dev->mask;
         if (type && type->code == eipBool && eipOf(dev)->counted)
             return devEipRefuse(prec, "%s", noBits);
+        if (type && type->size > 4 && eipOf(dev)->second)
+            return devEipRefuse(prec, "%s", noNext);
         if (type && type->size && type->code != eipBool && dev->mask >> (8 * type->size - 1) > 1)
             return devEipRefuse(prec, "%s has no such bits", type->name);
         if (eipOf(dev)->second && storeSecond(prec, dev, (epicsUInt64)number->u.integer))

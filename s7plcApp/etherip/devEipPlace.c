@@ -255,16 +255,16 @@ static int takeTwo(dbCommon *prec, devRecord *dev, eipLink *link, plcLinkError *
     return own->second ? 0 : plcLinkFail(error, 0, "the image of %.40s is full", link->plc);
 }
 
-/* Bits that begin in one element and end in the next: for inputs, as an array of two. */
+/* Bits that begin in one element, at link->bit, and end in the next: for inputs, as an array of
+ * two. */
 static int takeAcross(dbCommon *prec, devRecord *dev, eipLink *link, unsigned nobt,
                       plcLinkError *error)
 {
     devEip *own = eipOf(dev);
     eipWant wish;
 
-    own->shift = link->index & 31;
+    own->shift = (unsigned)link->bit;
     own->across = ((epicsUInt64)1 << nobt) - 1;
-    link->index >>= 5;
     if (supportOf(prec)->direction == devOut)
         return takeTwo(prec, dev, link, error);
     wish = wishOf(link, eipArrayPlace);
@@ -281,8 +281,16 @@ int devEipBits(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *e
         return -1;
     if (nobt > 32)
         return plcLinkFail(error, 0, "NOBT is %u; allowed: 0 (all) to 32", nobt);
-    if (link.bit < 0 && link.hasIndex && !link.alone && (link.index & 31) + nobt > 32)
-        return takeAcross(prec, dev, &link, nobt, error);
+    if (link.hasIndex && !link.alone) {
+        unsigned bit = link.bit < 0 ? link.index & 31 : (unsigned)link.bit;
+
+        if (bit < 32 && bit + nobt > 32) {
+            if (link.bit < 0)
+                link.index >>= 5;
+            link.bit = (int)bit;
+            return takeAcross(prec, dev, &link, nobt, error);
+        }
+    }
     if (nobt == 0 && (link.bit >= 0 || (link.hasIndex && !link.alone)))
         nobt = 1; /* a single bit is meant */
     if (takeCell(prec, dev, &link, nobt, error))

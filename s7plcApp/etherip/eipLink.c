@@ -90,8 +90,13 @@ static int flag(const place *p, const word *w, const char **at, eipLink *link)
             link->statistic = statistics[i].statistic;
             return 0;
         }
-    if (is(w, "S"))
-        return number(p, at, 'S', 0.001, 86400, &link->period);
+    if (is(w, "S")) { /* 0: none is said */
+        if (number(p, at, 'S', 0, 86400, &link->period))
+            return -1;
+        if (link->period > 0 && link->period < 0.001)
+            link->period = 0.001;
+        return 0;
+    }
     if (is(w, "B")) {
         if (number(p, at, 'B', 0, 63, &value))
             return -1;

@@ -28,9 +28,10 @@ static int fail(const place *p, const char *at, const char *format, ...)
     return -1;
 }
 
+/* Names go to the PLC as they stand: some have letters beyond ASCII. */
 static int isNameChar(char c)
 {
-    return isalnum((unsigned char)c) || c == '_' || c == ':';
+    return isalnum((unsigned char)c) || c == '_' || c == ':' || (unsigned char)c >= 0x80;
 }
 
 /* The characters of the name that begins here; 0: none. */
@@ -111,7 +112,7 @@ static int part(const place *p, const char **at, int first, eipName *name)
         if (n > 2 || atoi(*at) > 63)
             return fail(p, *at, "bit %.*s; allowed: 0 to 63", (int)n, *at);
         name->bit = atoi(*at);
-    } else if (isdigit((unsigned char)**at)) {
+    } else if (!first && isdigit((unsigned char)**at)) {
         return fail(p, *at, "\"%.*s\" is no name: it begins with a digit", (int)n, *at);
     }
     *at += n;

@@ -466,8 +466,8 @@ static const char *storeCell(const eipPiece *p, const eipType *type, const epics
     return NULL;
 }
 
-static const char *storeText(const eipType *type, const epicsUInt8 *at, size_t length,
-                             epicsUInt8 *place, size_t room)
+static const char *storeText(const eipPiece *p, const eipType *type, const epicsUInt8 *at,
+                             size_t length, epicsUInt8 *place, size_t room)
 {
     const char *text;
     size_t n;
@@ -476,7 +476,8 @@ static const char *storeText(const eipType *type, const epicsUInt8 *at, size_t l
         return "the tag is a number, no string";
     text = eipTextGet(type->code, at, length, &n);
     if (!text)
-        return "the tag is a structure, no string";
+        return p->text == eipTextYes ? "its length is more than the string has"
+                                     : "the tag is a structure, no string";
     if (n > room - eipPlaceHead)
         n = room - eipPlaceHead;
     head(place, type->code, eipText, 0, n);
@@ -517,7 +518,7 @@ const char *eipPieceStore(const eipTags *t, const eipPiece *p, const epicsUInt8 
     case eipTextPlace:
         if (p->text == eipTextNo)
             return "the tag is a structure, no string";
-        return storeText(type, data + p->offset,
+        return storeText(p, type, data + p->offset,
                          type->code == eipStructureCode ? p->size : length - p->offset,
                          place, want->room);
     default:

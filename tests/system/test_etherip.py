@@ -64,6 +64,9 @@ class Plant:
     def set(self, name, *values):
         self.sim.command(f"etherip set {name} {' '.join(str(v) for v in values)}")
 
+    def total(self):
+        return int(re.search(r"requests: total=(\d+)", self.sim.command("etherip")).group(1))
+
     def requests(self):
         return int(re.search(r"(\d+) requests", self.sim.command("etherip")).group(1))
 
@@ -236,6 +239,8 @@ def test_bits_across(plant):
     plant.ioc.wait_value("b", 0b10110)
     plant.ioc.wait_value("o", 0b1011)
     plant.set("D[1]", -4)
+    plant.ioc.put("o.OUT", "@P D[0] B 30 S 0.05")
+    plant.ioc.wait_value("o", 0b0011)
     for value in range(16):
         plant.ioc.put("o", value)
         plant.ioc.wait_value("a", value)
@@ -476,6 +481,27 @@ def test_type_change(plant):
     plant.wait_tag("A", "0.25")
 
 
+def test_puts_after_a_type_refused(plant):
+    """Two puts to one tag that the PLC refuses for its type: it is learned again, and puts leave"""
+    plant.tags("tag A DINT[20]", "tag B DINT")
+    plant.records(*(rec("longout", f"a{n}", f"A[{n}] S 0.05") for n in (0, 2, 4)), rec("longout", "b", "B S 0.05"))
+    for name in ("a0", "a2", "a4", "b"):
+        until(lambda: plant.ioc.severity(name) == "NO_ALARM")
+    plant.ioc.command("s7plcSetOption P holdoff 500")  # both leave in one message
+    plant.sim.command("etherip status FF 2107 tag A write next 2")
+    for n in (0, 2):
+        plant.ioc.put(f"a{n}", 7, wait=False)
+    for n in (0, 2):
+        plant.ioc.wait_alarm(f"a{n}", "INVALID", "WRITE")
+    plant.sim.command("etherip normal")
+    plant.ioc.command("s7plcSetOption P holdoff 0")
+    for n in (0, 2, 4):
+        plant.ioc.put(f"a{n}", 8)
+        plant.wait_tag(f"A[{n}]", "8")
+    plant.ioc.put("b", 9)
+    plant.wait_tag("B", "9")
+
+
 def test_new_link(plant):
     """A link that changes to a tag nobody used before is served at once, in and out"""
     plant.tags("tag A DINT = 1", "tag B INT = 2", "tag C DINT[10] = 3")
@@ -536,6 +562,27 @@ def test_puts_from_periodic_scan(plant):
     for value in range(1, 16):
         plant.ioc.put("a", value)
         plant.wait_tag("A", str(value))
+
+
+def test_no_old_value_after_a_put(plant):
+    """An output that is read seldom keeps its put: what was read before it is older"""
+    plant.tags("tag A DINT = 1", "tag B DINT = 2", "tag W DINT", "tag S STRING", "tag F DINT")
+    plant.records(rec("longout", "a", "A S 100"), rec("longout", "b", "B S 100", "SCAN=.1 second"),
+                  rec("bo", "w", "W.3 S 100"), rec("stringout", "s", "S S 100"),
+                  rec("longin", "f", "F S 0.02"))
+    for name in ("a", "b", "w", "s", "f"):
+        until(lambda: plant.ioc.severity(name) == "NO_ALARM")
+    heard = []
+    monitor = epics.PV(plant.ioc.P + "a", callback=lambda value, **_: heard.append(value))
+    until(lambda: heard)
+    for name, value in (("a", 11), ("b", 12), ("w", 1), ("s", "text")):
+        plant.ioc.put(name, value)
+    plant.wait_tag("S", '"text"')
+    before = plant.total()
+    until(lambda: plant.total() > before + 200)  # longer than a put may wait for its read-back
+    assert [plant.ioc.get(name) for name in ("a", "b", "w", "s")] == [11, 12, 1, "text"]
+    assert heard == [1, 11]
+    monitor.disconnect()
 
 
 def test_text_into_structure(plant):
@@ -884,6 +931,19 @@ def test_unknown_plc(plant):
     plant.records(rec("longin", "a", "A S 0.05"))
     for command in ("drvEtherIP_list Nix", "drvEtherIP_describe Nix, 300"):
         assert 'no PLC "Nix"' in plant.ioc.command(command)
+
+
+def test_names_as_they_stand(plant):
+    """A name that no tag can have goes to the PLC, which says so; S 0 says no period"""
+    plant.tags("tag A DINT = 3")
+    plant.records(rec("longin", "digits", "100 S 0.05"), rec("longin", "letters", "Não S 0.05"),
+                  rec("longin", "a", "A S 0", "SCAN=.1 second"))
+    for name in ("digits", "letters"):
+        plant.ioc.wait_alarm(name, "INVALID", "READ", "PLC: no such tag or member (04)")
+    plant.ioc.wait_value("a", 3)
+    dump = plant.ioc.command("drvEtherIP_dump")
+    assert re.search(r"^ *A .* every 0.1 s", dump, re.M), dump
+    assert "is no name" not in plant.ioc.log
 
 
 BAD_LINKS = [
