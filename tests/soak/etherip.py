@@ -78,12 +78,16 @@ class EtherIp(World):
             put = judge.put_of(int(value))
             if not put or put[1] != wanted:
                 if self.put_at.get(record) == (self.losses, self.lives):
-                    return f"o{record} has {put}, put {wanted} was the last"
+                    return f"o{record} has {put}, put {wanted} was the last, {self.held(record)}"
+                has = self.held(record)
                 self.put(record)
-                return f"o{record} has {put}"
+                return f"o{record} has {put}, {has}"
             if self.outputs.last.get(record) != wanted:
                 return f"output {record}: put {wanted} was the last, the PLC has {self.outputs.last.get(record)}"
         return None
+
+    def held(self, record):
+        return "the PLC: " + self.console(f"etherip get S{record}").strip()
 
     def held_at_rest(self, record):
         self.outputs.refusing = False
@@ -130,6 +134,7 @@ class EtherIp(World):
              f"length {dice.randint(1, 30)}", "close")) + f" next {dice.randint(1, 4)}")
 
     def fault_sessions_end(self, dice, seconds):
+        self.outputs.refusing = True  # what a forgotten connection has brought comes again by a new one
         yield from self._console(f"etherip {dice.choice(('timeout', 'close', 'reset'))}")
 
     def fault_download(self, dice, seconds):
