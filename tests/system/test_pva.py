@@ -1,4 +1,5 @@
 """The same records over PV Access: get, put, monitor."""
+import os
 import struct
 import threading
 
@@ -52,3 +53,15 @@ def test_pva(pva, new_peer, new_ioc):
     subscription.close()
     until(lambda: "reset by PLC" in pva.get(ioc.P + "in", timeout=30).raw.alarm.message,
           lambda: pva.get(ioc.P + "in", timeout=30).raw.alarm.message)
+
+
+def test_no_interface(new_peer, new_ioc):
+    """Where PVA finds no network and breaks off iocInit, outputs leave all the same, a while later"""
+    peer = new_peer(16, 8)
+    ioc = new_ioc(peer.configure(recv_timeout=20000), DB,
+                  env={**os.environ, "EPICS_PVAS_INTF_ADDR_LIST": "192.0.2.77"})
+    assert "No (specified) network interface" in ioc.log
+    peer.wait_connected()
+    ioc.put("out", 5)
+    peer.wait_block(struct.pack(">Q", 5))
+    ioc.wait_log("another module has broken off iocInit")

@@ -5,7 +5,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <callback.h>
 #include <drvSup.h>
+#include <epicsAtomic.h>
 #include <epicsExit.h>
 #include <epicsStdio.h>
 #include <epicsStdlib.h>
@@ -400,6 +402,24 @@ static void stop(void *arg)
 }
 #endif
 
+/* A hook of another module that fails (that of PVA, where the machine has no network) ends iocInit
+ * before ours is called. What PINI=RUNNING does is over by then. */
+#define LATE 20 /* s */
+
+static int runs; /* atomic: all hooks were called */
+static epicsCallback lateCallback;
+
+static void runLate(epicsCallback *callback)
+{
+    (void)callback;
+    if (epicsAtomicGetIntT(&runs))
+        return;
+    errlogSevPrintf(errlogMajor,
+                    "s7plc: another module has broken off iocInit (see its message above): "
+                    "outputs begin %d s later\n", LATE);
+    plcStationsRun();
+}
+
 static void hook(initHookState state)
 {
     if (state == initHookAfterInitDatabase) {
@@ -407,13 +427,20 @@ static void hook(initHookState state)
 #ifndef HAVE_SHUTDOWN_HOOK
         epicsAtExit(stop, NULL);
 #endif
+    } else if (state == initHookAfterDatabaseRunning) {
+        epicsAtomicSetIntT(&runs, 0);
+        callbackSetCallback(runLate, &lateCallback);
+        callbackSetPriority(priorityLow, &lateCallback);
+        callbackRequestDelayed(&lateCallback, LATE);
     } else if (state == initHookAfterIocRunning) {
+        epicsAtomicSetIntT(&runs, 1);
         plcStationsRun();
 #ifndef HAVE_SHUTDOWN_HOOK
         hooked = 0; /* nobody says when the IOC ends: the next one registers again */
 #else
     } else if (state == initHookAtShutdown) {
         hooked = 0;
+        callbackCancelDelayed(&lateCallback);
         plcStationsStop();
 #endif
     }
