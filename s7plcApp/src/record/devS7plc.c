@@ -404,20 +404,23 @@ int devPrepareString(dbCommon *prec, devRecord *dev, const plcLink *link,
 int devPrepareMask(dbCommon *prec, devRecord *dev, const plcLink *link,
                    plcLinkError *error, epicsUInt32 *mask, unsigned nobt, unsigned shft)
 {
-    const char *works =
-        devSupportOf(prec)->direction == devOut ? "writes nothing" : "reads 0";
+    int out = devSupportOf(prec)->direction == devOut;
     epicsUInt64 wanted = *mask ? *mask : nobt < 64 ? ((epicsUInt64)1 << nobt) - 1 : ~0ull;
     unsigned bits = 8 * dev->type->size;
+    epicsUInt64 has = shft < bits ? ~0ull >> (64 - bits + shft) : 0;
 
-    if (wanted && (shft >= bits || wanted >> (bits - shft)))
+    if (wanted && !has)
         return plcLinkFail(error, link->column.T, "NOBT=%u SHFT=%u: %s has bits 0 to %u", nobt,
                            shft, dev->type->name, bits - 1);
+    if (wanted & ~has)
+        devWarn(prec, "NOBT=%u SHFT=%u: %s has bits 0 to %u, the others %s", nobt, shft,
+                dev->type->name, bits - 1, out ? "are not written" : "read 0");
     if (!wanted)
         devWarn(prec, "NOBT is 0: the record always %s. Set NOBT to its number of bits",
-                works);
+                out ? "writes nothing" : "reads 0");
     dev->shifted = mask;
     dev->unshifted = *mask;
-    *mask = shft < 32 ? (epicsUInt32)wanted << shft : 0;
+    *mask = shft < 32 ? (epicsUInt32)(wanted & has) << shft : 0;
     return 0;
 }
 
