@@ -6,7 +6,7 @@ import types
 
 import pytest
 
-from soak import judge, plan, report, wire
+from soak import judge, others, plan, report, wire
 from soak.blocks import Edges, Frames
 from soak.sync import Sync
 from soak.world import World
@@ -364,3 +364,14 @@ def test_stale_while_waiting():
     world.ask = lambda name: (100, 0, 0, now, now)  # of 10 s ago
     with pytest.raises(judge.Wrong, match="^stale: n shows block 100 of 10.00 s ago"):
         World.settled(world)
+
+
+def test_slow_server():
+    """a PLC beside whose server its memory is read may take its time with a put; one that never has it is told"""
+    outputs = judge.Outputs()
+    values = [judge.setpoint(1, 70000), judge.setpoint(1, 70000), outputs.put(1)]
+    world = types.SimpleNamespace(outputs=outputs, sim=types.SimpleNamespace(held=lambda record: values.pop(0)))
+    world.patience = lambda: patience(3)
+    assert others.held(world, 1) == judge.setpoint(1, 70001) and not values
+    world.sim.held = lambda record: judge.setpoint(1, 70000)
+    assert others.held(world, 1) == judge.setpoint(1, 70000)
