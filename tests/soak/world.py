@@ -282,13 +282,14 @@ class World:
         """(value, severity, status, begin, end) of a record."""
         over = self.patience()
         failure = None
+        begin = time.monotonic()  # of the request: one that is late is waited for, no other one is made
         while True:
-            begin = time.monotonic()
             try:  # form: else the type is what it was when the channel came, which may be no type
                 got = self.pvs[name].get_with_metadata(use_monitor=False, timeout=1.0, form="time", as_string=False)
             except (epics.ca.ChannelAccessException, epics.ca.ChannelAccessGetFailure) as error:
                 failure, got = error, None  # CA has lost the channel for a moment, as after iocPause
                 self.pvs[name].wait_for_connection(1.0)
+                begin = time.monotonic()
             if got and got["value"] is not None:
                 return got["value"], got["severity"], got["status"], begin, time.monotonic()
             self.ended_well()

@@ -5,6 +5,7 @@ import time
 import types
 
 import pytest
+from epics.ca import ChannelAccessException
 
 from soak import judge, others, plan, report, wire
 from soak.blocks import Edges, Frames
@@ -375,3 +376,23 @@ def test_slow_server():
     assert others.held(world, 1) == judge.setpoint(1, 70001) and not values
     world.sim.held = lambda record: judge.setpoint(1, 70000)
     assert others.held(world, 1) == judge.setpoint(1, 70000)
+
+
+@pytest.mark.parametrize("answers, since", [
+    ([None, None, 7], 0), ([7], 0), ([ChannelAccessException("lost"), None, 7], 1)], ids=["late", "at once", "lost first"])
+def test_late_answer(monkeypatch, answers, since):
+    """an answer that is late is of when it was asked for, and not of when it came; after a failure it is asked for anew"""
+    times, asked = iter(range(100)), []
+
+    def get(**_):
+        asked.append(next(times))
+        answer = answers[len(asked) - 1]
+        if isinstance(answer, Exception):
+            raise answer
+        return answer and {"value": answer, "severity": 0, "status": 0}
+    world = types.SimpleNamespace(patience=lambda: patience(9), ended_well=lambda: None)
+    world.pvs = {"n": types.SimpleNamespace(get_with_metadata=get, wait_for_connection=lambda limit: True)}
+    monkeypatch.setattr("soak.world.time.monotonic", lambda: next(times))
+    value, _, _, begin, end = World.ask(world, "n")
+    monkeypatch.undo()
+    assert value == 7 and end > asked[-1] and asked[since] - begin == 1
