@@ -27,7 +27,7 @@ class EtherIp(World):
 
     def __init__(self, *args, **kw):
         super().__init__(*args, **kw)
-        self.put_at = {}  # record -> losses when it was put
+        self.put_at = {}  # record -> which connection there was, or was to come, when it was put
 
     def target(self, proxy):
         return "127.0.0.1", self.sim.etherip_port
@@ -59,8 +59,12 @@ class EtherIp(World):
 
     def put(self, record):
         if record not in self.pending:
-            self.put_at[record] = (self.losses, self.lives)
+            self.put_at[record] = self.connection()
         super().put(record)
+
+    def connection(self):
+        """Another one begins: outputs take what the PLC has, and what was put while there was none is void."""
+        return self.losses, self.lives, sum(proxy.count for proxy in self.proxies)
 
     def put_ended(self, record, number, value, severity, status):
         if severity or value != judge.setpoint(record, number):  # refused; or the PLC was away, its value counts
@@ -77,7 +81,7 @@ class EtherIp(World):
             wanted = self.outputs.puts[record][-1]
             put = judge.put_of(int(value))
             if not put or put[1] != wanted:
-                if self.put_at.get(record) == (self.losses, self.lives):
+                if self.put_at.get(record) == self.connection():
                     return f"o{record} has {put}, put {wanted} was the last, {self.held(record)}"
                 has = self.held(record)
                 self.put(record)
@@ -91,7 +95,7 @@ class EtherIp(World):
 
     def held_at_rest(self, record):
         self.outputs.refusing = False
-        put = judge.put_of(self.held(record))
+        put = judge.put_of(self.held_in_the_end(record))
         with self.lock:
             self.outputs.quiet(record)
             self.outputs.quiet(record, held=put and put[1])

@@ -124,16 +124,6 @@ class Plc:
         return ""
 
 
-def held(world, record):
-    """What the PLC holds when it has done what it was asked to do: its memory is read beside its server."""
-    wanted, over = world.outputs.puts[record][-1], world.patience()
-    while True:
-        value = world.sim.held(record)
-        if value == judge.setpoint(record, wanted) or over():
-            return value
-        time.sleep(0.05)
-
-
 class PyModbus(Modbus):
     NAME = "pymodbus"
     FAULTS = FAULTS
@@ -145,7 +135,7 @@ class PyModbus(Modbus):
         return "127.0.0.1", self.sim.port
 
     def held(self, record):
-        return held(self, record)
+        return self.sim.held(record)
 
 
 class Cpppo(EtherIp):
@@ -164,4 +154,4 @@ class Cpppo(EtherIp):
         return "127.0.0.1", self.sim.port
 
     def held(self, record):
-        return held(self, record)
+        return self.sim.held(record)

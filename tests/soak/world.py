@@ -555,6 +555,15 @@ class World:
             time.sleep(0.05)
         return self.losses == self.whole_at
 
+    def held_in_the_end(self, record):
+        """What the PLC holds when it has done what it was asked to do."""
+        wanted, over = self.outputs.puts[record][-1], self.patience()
+        while True:
+            value = self.held(record)
+            if value == judge.setpoint(record, wanted) or over():
+                return value
+            time.sleep(0.05)
+
     def held_at_rest(self, record):  # hook
         with self.lock:
             self.outputs.quiet(record)

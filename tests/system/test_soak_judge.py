@@ -7,8 +7,9 @@ import types
 import pytest
 from epics.ca import ChannelAccessException
 
-from soak import judge, others, plan, report, wire
+from soak import judge, plan, report, wire
 from soak.blocks import Edges, Frames
+from soak.etherip import EtherIp
 from soak.sync import Sync
 from soak.world import World
 
@@ -371,11 +372,25 @@ def test_slow_server():
     """a PLC beside whose server its memory is read may take its time with a put; one that never has it is told"""
     outputs = judge.Outputs()
     values = [judge.setpoint(1, 70000), judge.setpoint(1, 70000), outputs.put(1)]
-    world = types.SimpleNamespace(outputs=outputs, sim=types.SimpleNamespace(held=lambda record: values.pop(0)))
-    world.patience = lambda: patience(3)
-    assert others.held(world, 1) == judge.setpoint(1, 70001) and not values
-    world.sim.held = lambda record: judge.setpoint(1, 70000)
-    assert others.held(world, 1) == judge.setpoint(1, 70000)
+    world = types.SimpleNamespace(outputs=outputs, held=lambda record: values.pop(0), patience=lambda: patience(3))
+    assert World.held_in_the_end(world, 1) == judge.setpoint(1, 70001) and not values
+    world.held = lambda record: judge.setpoint(1, 70000)
+    assert World.held_in_the_end(world, 1) == judge.setpoint(1, 70000)
+
+
+def test_put_while_away():
+    """what was put while there was no connection, or on another one, is void over EtherNet/IP; else it is not"""
+    world = types.SimpleNamespace(losses=1, lives=1, proxies=[types.SimpleNamespace(count=1)], put_at={}, pending={})
+    outputs = judge.Outputs()
+    outputs.put(1)
+    world.outputs, puts = outputs, []
+    world.connection = EtherIp.connection.__get__(world)
+    world.ask = lambda name: (judge.setpoint(1, 70000), 0, 0, 0, 0)
+    world.held, world.put = lambda record: 0, puts.append
+    world.put_at[1] = world.connection()
+    assert "put 70001 was the last" in EtherIp.outputs_settled(world) and not puts
+    world.proxies[0].count = 2  # it was put while the IOC had none
+    assert "was the last" not in EtherIp.outputs_settled(world) and puts == [1]
 
 
 @pytest.mark.parametrize("answers, since", [
