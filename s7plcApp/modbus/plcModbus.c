@@ -73,6 +73,7 @@ plcModbus *plcModbusCreate(const plcModbusSetup *setup)
     m->ownJoinedOut = zeroed(setup->outSize);
     m->out = zeroed(setup->outSize);
     m->outNews = zeroed(setup->outSize);
+    m->hidden = zeroed(setup->outSize);
     m->leaving = zeroed(setup->outSize);
     m->waiting = zeroed(setup->outSize);
     m->values = zeroed(setup->outSize);
@@ -127,6 +128,7 @@ void plcModbusDestroy(plcModbus *m)
     free(m->ownJoinedOut);
     free(m->out);
     free(m->outNews);
+    free(m->hidden);
     free(m->leaving);
     free(m->waiting);
     free(m->values);
@@ -245,6 +247,17 @@ static void takeReadable(plcModbus *m)
     m->readable = none;
     m->someClearing = 1;
     m->someReadable = 0;
+}
+
+int plcModbusHidden(plcModbus *m, void *mask)
+{
+    int hides;
+
+    epicsMutexMustLock(m->lock);
+    hides = m->hides;
+    memcpy(mask, m->hidden, m->setup.outSize);
+    epicsMutexUnlock(m->lock);
+    return hides;
 }
 
 int plcModbusTake(plcModbus *m, plcNews *news, void *input, void *output)

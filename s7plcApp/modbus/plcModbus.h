@@ -82,6 +82,9 @@ void plcModbusStop(plcModbus *modbus);
  * those that come before the last of these has left. */
 void plcModbusWrite(plcModbus *modbus);
 
+/* What a PLC with holes does not show of its outputs: plcTransport.hidden. */
+int plcModbusHidden(plcModbus *modbus, void *mask);
+
 /* Fetches the news; `input` and `output` (inSize and outSize bytes) are only filled when
  * blocks or shown are not 0. Returns 0 when there is none. */
 int plcModbusTake(plcModbus *modbus, plcNews *news, void *input, void *output);

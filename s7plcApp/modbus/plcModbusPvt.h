@@ -52,8 +52,7 @@ typedef struct session {
     int inputsRead;    /* some, in this round */
     int inputsTried;   /* all of them, once */
     int outputsTried;
-    char refusal[PLC_REASON_SIZE]; /* of an output range, in this round; "": none */
-    char unread[PLC_REASON_SIZE];  /* why the outputs are not shown; "": they are */
+    char unread[PLC_REASON_SIZE];  /* why outputs are not shown; "": they are */
     int planIsOld;                 /* limits, or where values lie, have changed */
     int knowsIn, knowsOut;         /* where values lie */
     int noMaskWrite;               /* the PLC has no FC22 */
@@ -86,6 +85,8 @@ struct plcModbus {
     int hasNews;
     unsigned moreLog; /* lines for which there was no room */
     epicsUInt8 *inNews, *outNews;
+    epicsUInt8 *hidden;   /* bits of outNews that the PLC refuses to show */
+    int hides;            /* there are some */
     epicsUInt8 *readable; /* bits of inNews that were refused before */
     epicsUInt8 *clearing; /* the same of the image that was taken last: their fault ends
                           * when the records have it */

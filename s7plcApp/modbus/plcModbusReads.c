@@ -245,27 +245,76 @@ static void checkUnsure(plcModbus *m)
     }
 }
 
+/* Which bits of the outputs the PLC refuses to show. Returns how many requests it answers. The
+ * lock is held. */
+static unsigned findHidden(plcModbus *m, const turn **first)
+{
+    session *s = &m->session;
+    unsigned i, k, n, shown = 0;
+
+    *first = NULL;
+    m->hides = 0;
+    memset(m->hidden, 0, m->setup.outSize);
+    for (i = 0; i < s->turnCount; i++) {
+        const turn *t = &s->turns[i];
+
+        shown += t->output && !t->refused;
+        if (!t->output || !t->refused)
+            continue;
+        *first = *first ? *first : t;
+        n = plcWorkerOutPieces(m, &t->request);
+        for (k = 0; k < n; k++) {
+            epicsUInt8 mask[maskMax], *to = m->hidden + m->pieces[k].offset;
+            size_t b, size = plcWorkerPieceBytes(&t->request, &m->pieces[k]);
+
+            plcWorkerPieceMask(&t->request, &m->pieces[k], mask);
+            for (b = 0; b < size; b++)
+                to[b] |= mask[b];
+        }
+        m->hides |= n > 0;
+    }
+    return shown;
+}
+
+/* None of its outputs, and says so at once, not register by register. The lock is held. */
+static void tellUnread(plcModbus *m)
+{
+    session *s = &m->session;
+    unsigned i;
+
+    plcWorkerNote(m, "outputs cannot be read: %s", m->news.unread);
+    for (i = 0; i < s->turnCount; i++)
+        s->turns[i].told |= s->turns[i].output;
+}
+
 /* All output ranges have been read, or refused. */
 static void tellOutputs(plcModbus *m)
 {
     session *s = &m->session;
+    const turn *refused;
+    char reason[PLC_REASON_SIZE] = "";
+    unsigned shown;
 
     s->outputsTried = 1;
     if (!plcWorkerEnter(m))
         return;
-    if (!s->refusal[0]) {
+    shown = findHidden(m, &refused);
+    if (refused)
+        plcWorkerReason(refused->refused, reason);
+    if (shown || !refused) {
         checkUnsure(m);
         memcpy(m->outNews, m->out, m->setup.outSize);
         /* What waits is newer than what was read. */
         plcImagePutsWaiting(m->setup.out, m->outNews, m->waiting);
         m->news.shown = 1;
         m->news.unread[0] = 0;
-    } else if (strcmp(s->refusal, s->unread)) {
-        strcpy(m->news.unread, s->refusal);
-        plcWorkerNote(m, "outputs cannot be read: %s", s->refusal);
     }
-    strcpy(s->unread, s->refusal);
-    s->refusal[0] = 0;
+    if (refused && strcmp(reason, s->unread)) {
+        strcpy(m->news.unread, reason);
+        if (!shown)
+            tellUnread(m);
+    }
+    strcpy(s->unread, reason);
     plcWorkerTell(m);
 }
 
@@ -273,11 +322,14 @@ static void outputRead(plcModbus *m, turn *t, int code)
 {
     session *s = &m->session;
     unsigned i, n = plcWorkerOutPieces(m, &t->request);
+    char text[40];
 
-    if (code && !s->refusal[0])
-        plcWorkerReason(code, s->refusal);
+    if (t->refused && !code && t->told && plcWorkerEnter(m)) {
+        plcWorkerNote(m, "read of %s: good again", plcWorkerWhere(&t->request, text));
+        plcWorkerTell(m);
+    }
+    t->told = t->told && code;
     t->refused = code;
-    t->told = 1; /* with the outputs as a whole */
     for (i = 0; i < n && !code; i++)
         plcWorkerStore(m, &t->request, &m->pieces[i], m->out);
     for (i = 0; i < s->turnCount; i++)

@@ -135,6 +135,13 @@ static int news(void *pvt, plcNews *n, void *input, void *output)
     return plcModbusTake(t->worker, n, input, output);
 }
 
+static int hidden(void *pvt, void *mask)
+{
+    modbusTransport *t = pvt;
+
+    return plcModbusHidden(t->worker, mask);
+}
+
 static void put(void *pvt, const void *image, const void *mask)
 {
     modbusTransport *t = pvt;
@@ -252,6 +259,7 @@ const plcTransport plcModbusTransport = {
     .whole = whole,
     .down = down,
     .news = news,
+    .hidden = hidden,
     .refused = refused,
     .put = put,
     .report = report,

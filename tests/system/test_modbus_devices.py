@@ -5,6 +5,7 @@ import threading
 
 import pytest
 
+from ioc import errors_in
 from waiting import until, until_equal
 
 DB = """
@@ -12,7 +13,7 @@ record(longin, "$(P)in") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT16") fie
 record(longin, "$(P)last") { field(DTYP, "S7plc") field(INP, "@PLC/198 T=INT16") field(SCAN, "I/O Intr") }
 record(longout, "$(P)out") { field(DTYP, "S7plc") field(OUT, "@PLC/0 T=INT16") }
 record(longout, "$(P)far") { field(DTYP, "S7plc") field(OUT, "@PLC/78 T=INT16") }
-record(longin, "$(P)losses") { field(DTYP, "S7plc stats") field(INP, "@PLC/disconnects") field(SCAN, ".1 second") }
+record(longin, "$(P)losses") { field(DTYP, "S7plc stats") field(INP, "@PLC/reconnects") field(SCAN, ".1 second") }
 """
 
 
@@ -353,3 +354,41 @@ def test_refused_arguments(new_ioc):
     assert 'IPaddr "192.168.1"; allowed: host name or dotted IP address' in ioc.log
     assert 's7plcModbusOutput C: IPaddr "0300.1.1.1"; allowed: host name or dotted IP address' in ioc.log
     assert '40001 is "holding 0"' in ioc.log
+
+
+def test_holes_among_outputs(new_modbus, new_ioc):
+    """a device with holes among its writable registers: the others start from what it holds, follow it and are written; the log names the holes once"""
+    plc = new_modbus()
+    for functions in (3, (6, 16)):
+        plc.refuse(functions, 210, 3)
+        plc.refuse(functions, 230, 1)
+    db = DB + "\n".join(f'record(longout, "$(P)o{n}") {{ field(DTYP, "S7plc") field(OUT, "@PLC/{2 * (n - 200)} T=INT16") }}'
+                        for n in (201, 209, 211, 213, 229, 230, 231))
+    plc.holding[200:] = [500 + i for i in range(40)]
+    ioc = start(plc, new_ioc, "track on", "readPeriod 50", db=db)
+    for n in (201, 209, 213, 229, 231):
+        ioc.wait_value(f"o{n}", 300 + n)
+        assert ioc.severity(f"o{n}") == "NO_ALARM"
+    assert plc.writes() == []
+    use(plc, ioc)
+    for n in (201, 209, 213, 229, 231):
+        ioc.put(f"o{n}", n)
+        until_equal(lambda: plc.holding[n], n)
+        plc.holding[n] = -n & 0xFFFF
+        ioc.wait_value(f"o{n}", -n)
+        assert ioc.severity(f"o{n}") == "NO_ALARM"
+    ioc.put("o211", 1)
+    ioc.wait_alarm("o211", "INVALID", "WRITE", "exception 2")
+    ioc.wait_log("write of holding 211: PLC: exception 2")
+    ioc.wait_log("read of holding 210 to 212: PLC: exception 2")
+    mark = plc.mark()
+    plc.wait_requests(60, mark)
+    assert len(errors_in(ioc.log)) == 2 and "(and 1 more)" in ioc.log, ioc.log  # the holes, the put
+    # after a loss: the holes are tried once more, what the device still holds is not
+    mark = plc.mark()
+    plc.power_off()
+    ioc.wait_value("losses", 1)
+    plc.power_on()
+    until(lambda: [r for r in plc.writes(mark) if r.start == 211], "the put into the hole once more")
+    ioc.wait_alarm("o211", "INVALID", "WRITE", "exception 2")
+    assert {a for r in plc.writes(mark) for a in r.addresses()} == {211}

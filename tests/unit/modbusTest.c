@@ -985,6 +985,7 @@ static void testShown(void)
 {
     plc *p = plcCreate();
     world *w = worldCreate(p, "", "holding 0 4, coils 0 8", 1);
+    epicsUInt8 hidden[9];
     int shown;
 
     w->options.readPeriod = 5;
@@ -1015,12 +1016,21 @@ static void testShown(void)
     plcOneRule(p, 1, 0, 9, refuses, 2);
     UNTIL(w, w->all.unread[0]);
     shown = w->all.shown;
+    UNTIL(w, w->all.shown > shown && strstr(w->log, "read of"));
     testOk(strcmp(w->all.unread, "PLC: exception 2, illegal data address") == 0 &&
-               strstr(w->log, "outputs cannot be read: PLC: exception 2"),
+               strstr(w->log, "read of coils 0 to 7: PLC: exception 2") &&
+               plcModbusHidden(w->modbus, hidden) == 1 && hidden[7] == 0 && hidden[8] == 0xff,
+           "some not shown any more, the others are: %s", w->all.unread);
+    w->all.unread[0] = 0;
+    plcOneRule(p, 0, 0, 9, refuses, 4);
+    UNTIL(w, w->all.unread[0]);
+    shown = w->all.shown;
+    testOk(strcmp(w->all.unread, "PLC: exception 4, device failure") == 0 &&
+               strstr(w->log, "outputs cannot be read: PLC: exception 4"),
            "not shown any more: %s", w->all.unread);
     plcSetRules(p, NULL, 0);
-    UNTIL(w, w->all.shown > shown);
-    testOk(w->all.shown > shown, "and shown again");
+    UNTIL(w, w->all.shown > shown && plcModbusHidden(w->modbus, hidden) == 0);
+    testOk(w->all.shown > shown, "and all shown again");
     worldDestroy(w);
     plcDestroy(p);
 }
@@ -1488,7 +1498,7 @@ static void testDescriptors(void)
 
 MAIN(modbusTest)
 {
-    testPlan(114);
+    testPlan(115);
     testInputs();
     testLittleEndian();
     testPeriods();

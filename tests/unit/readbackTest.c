@@ -136,7 +136,7 @@ static void testSteps(void)
     for (i = 0; i < sizeof(rows) / sizeof(rows[0]); i++) {
         begin();
         plcReadbackAdd(r, &r, 0, 0, 1, NULL);
-        plcReadbackTake(r, "A", out);
+        plcReadbackTake(r, "A", NULL, out);
         testOk(play(rows[i].steps) == 0, "%s", rows[i].what);
         end();
     }
@@ -151,7 +151,7 @@ static void testMasks(void)
     begin();
     plcReadbackAdd(r, &lower, 0, 0, 1, &lower);
     plcReadbackAdd(r, &upper, 0, 0, 1, &upper);
-    plcReadbackTake(r, "\x11", out);
+    plcReadbackTake(r, "\x11", NULL, out);
     putByte(0, 0x02, &lower);
     show("\x31");
     testOk(held(0) == 0x32, "a put of some bits leaves the others to the PLC");
@@ -162,6 +162,23 @@ static void testMasks(void)
     end();
 }
 
+/* What the PLC does not show is not taken, bit by bit. */
+static void testHidden(void)
+{
+    static const int first = 0, bits = 0, last = 0;
+
+    begin();
+    plcReadbackAdd(r, &first, 0, 0, 1, NULL);
+    plcReadbackAdd(r, &bits, 1, 1, 1, "\x0f");
+    plcReadbackAdd(r, &last, 2, 2, 2, NULL);
+    plcReadbackTake(r, "abcd", "\0\x10\0\x80", out);
+    testOk(held(0) == 'a', "hidden bytes: what is shown is taken");
+    testOk(held(1) == ('b' & 0x0f), "other bits of the same byte hide nothing");
+    testOk(held(2) == 0 && held(3) == 0, "a place of which a bit is hidden is not taken");
+    leave();
+    end();
+}
+
 static void testOverlap(void)
 {
     static const int whole = 0, byte = 0;
@@ -169,7 +186,7 @@ static void testOverlap(void)
     begin();
     plcReadbackAdd(r, &whole, 0, 0, 4, NULL);
     plcReadbackAdd(r, &byte, 1, 1, 1, NULL);
-    plcReadbackTake(r, "abcd", out);
+    plcReadbackTake(r, "abcd", NULL, out);
     putByte(1, 'B', NULL);
     show("abcX");
     testOk(held(1) == 'B', "a put in the mirror of a whole block stays");
@@ -192,7 +209,7 @@ static void testNew(void)
     begin();
     plcReadbackNote(r, 0);
     plcReadbackAdd(r, &first, 0, 0, 1, NULL);
-    plcReadbackTake(r, "abcd", out);
+    plcReadbackTake(r, "abcd", NULL, out);
     testOk(plcReadbackTakeNew(r, "xyz", out) == 0 && held(0) == 'a',
            "a place that has its value takes no other");
     plcReadbackAdd(r, &second, 1, 1, 1, NULL);
@@ -215,7 +232,7 @@ static void testMore(void)
 
     begin();
     plcReadbackAdd(more, &place, 0, 0, 1, NULL);
-    plcReadbackTake(more, "a", out);
+    plcReadbackTake(more, "a", NULL, out);
     putByte(0, 'b', NULL);
     plcImageHandOver(out);
     plcReadbackTrack(more, "a", out, now, LIMIT, 1);
@@ -228,10 +245,11 @@ static void testMore(void)
 
 MAIN(readbackTest)
 {
-    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 3 + 4 + 5 + 1);
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 3 + 4 + 5 + 1 + 3);
     testSteps();
     testMasks();
     testOverlap();
+    testHidden();
     testNew();
     testMore();
     return testDone();

@@ -179,14 +179,26 @@ static unsigned take(plcReadback *r, place *p, const epicsUInt8 *shown, plcImage
     return (unsigned)changed;
 }
 
-unsigned plcReadbackTake(plcReadback *r, const void *block, plcImage *out)
+/* The PLC does not show it. */
+static int isHidden(const place *p, const epicsUInt8 *hidden)
+{
+    size_t i;
+
+    for (i = 0; hidden && i < p->length; i++)
+        if (hidden[p->in + i] & (p->masked ? p->mask[i] : 0xff))
+            return 1;
+    return 0;
+}
+
+unsigned plcReadbackTake(plcReadback *r, const void *block, const void *hidden, plcImage *out)
 {
     unsigned changed = 0;
     place *p;
 
     epicsMutexMustLock(r->lock);
     for (p = (place *)ellFirst(&r->places); p; p = (place *)ellNext(&p->node))
-        changed += take(r, p, (const epicsUInt8 *)block + p->in, out);
+        if (!isHidden(p, hidden))
+            changed += take(r, p, (const epicsUInt8 *)block + p->in, out);
     epicsMutexUnlock(r->lock);
     return changed;
 }

@@ -33,9 +33,10 @@ unsigned plcReadbackCount(plcReadback *readback);
 /* 1 when the output image holds at every place what the input block shows there. */
 int plcReadbackSame(plcReadback *readback, const void *block, plcImage *out);
 
-/* Copies what the block shows into the output image. Returns the number of places that
- * changed by it. */
-unsigned plcReadbackTake(plcReadback *readback, const void *block, plcImage *out);
+/* Copies what the block shows into the output image, but for places of which a bit is set in `hidden`
+ * (as long as the block; NULL: all is shown). Returns the number of places that changed by it. */
+unsigned plcReadbackTake(plcReadback *readback, const void *block, const void *hidden,
+                         plcImage *out);
 
 /* The same, but only for the places that were added since the last plcReadbackTake, and that
  * nobody has put to meanwhile. Returns their number. */

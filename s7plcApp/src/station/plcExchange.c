@@ -31,9 +31,10 @@ void plcExchangeCreate(plcStation *s, unsigned line)
     x->pvt = s->lines[line].pvt;
     x->line = line;
     x->input = callocMustSucceed(1, s->inSize + 1, "plcExchangeCreate");
-    x->output = callocMustSucceed(3, s->outSize + 1, "plcExchangeCreate");
+    x->output = callocMustSucceed(4, s->outSize + 1, "plcExchangeCreate");
     x->image = x->output + s->outSize;
     x->mask = x->image + s->outSize;
+    x->hidden = x->mask + s->outSize;
     if (x->transport->takesPuts)
         s->options.holdoff = 0; /* what comes while a request is under way gathers anyway */
     if (x->transport->used) {
@@ -294,24 +295,45 @@ static void forgetFaults(plcStation *s, const char *shown)
         x->mask[i] = (char)~(x->image[i] ^ shown[i]);
     plcImagePutsWaiting(s->out, NULL, x->image);
     for (i = 0; i < plcImageSize(s->out); i++)
-        x->mask[i] &= (char)~x->image[i];
+        x->mask[i] &= (char)~(x->image[i] | (x->hides ? x->hidden[i] : 0));
     plcFaultsClear(s->outFaults, 0, plcImageSize(s->out), x->mask);
 }
 
-/* The outputs as the PLC holds them, on a new connection: outputs with a read-back
- * take them, and what else the IOC has written is put again where it differs. */
-static void outputsTake(plcStation *s, const char *shown)
+/* Of what the PLC does not show nothing is taken, and nobody follows it. */
+static void hide(plcStation *s)
 {
+    plcExchange *x = s->exchange;
+    size_t i;
+
+    x->hides = x->transport->hidden && x->transport->hidden(x->pvt, x->hidden);
+    if (!x->hides)
+        return;
+    plcImagePeek(s->out, 0, plcImageSize(s->out), x->image);
+    for (i = 0; i < plcImageSize(s->out); i++)
+        x->output[i] = (char)((x->output[i] & ~x->hidden[i]) | (x->image[i] & x->hidden[i]));
+}
+
+/* The outputs as the PLC holds them, on a new connection: outputs with a read-back
+ * take them, and what else the IOC has written is put again where it differs, or where the PLC does
+ * not show it. */
+static void outputsTake(plcStation *s, char *shown)
+{
+    plcExchange *x = s->exchange;
     epicsUInt8 *whole = wholeValues(s, 1);
     unsigned places = 0;
+    size_t i;
 
     if (shown) {
-        places = plcReadbackTake(s->atConnect, shown, s->out) +
-                 plcReadbackTake(s->tracked, shown, s->out);
+        const char *hidden = x->hides ? x->hidden : NULL;
+
+        places = plcReadbackTake(s->atConnect, shown, hidden, s->out) +
+                 plcReadbackTake(s->tracked, shown, hidden, s->out);
         forgetFaults(s, shown);
     }
     answered(s);
     plcImageAway(s->out, 0);
+    for (i = 0; shown && x->hides && i < plcImageSize(s->out); i++)
+        shown[i] = (char)(shown[i] ^ x->hidden[i]);
     plcImagePutAgain(s->out, shown, whole);
     free(whole);
     s->dirtySince = 0;
@@ -383,6 +405,7 @@ int plcExchangeNews(plcStation *s, epicsUInt64 now, epicsUInt64 *wake,
     plcExchange *x = s->exchange;
     plcNews news;
     char text[PLC_REASON_SIZE + 60];
+    int byBlock;
 
     startWhenReady(s);
     if (x->transport->news(x->pvt, &news, x->input, x->output)) {
@@ -392,8 +415,12 @@ int plcExchangeNews(plcStation *s, epicsUInt64 now, epicsUInt64 *wake,
         if (news.log[0])
             plcStationLog(s, errlogMajor, news.log);
         if (news.shown)
+            hide(s);
+        /* Outputs that begin with the block are not to begin with a part of the registers. */
+        byBlock = !news.shown || (x->hides && plcReadbackCount(s->readback));
+        if (news.shown && !byBlock)
             x->shown = 1;
-        if (news.unread[0] && !s->unread) {
+        if (news.unread[0] && byBlock && !s->unread) {
             s->unread = 1;
             epicsSnprintf(text, sizeof(text), "the PLC does not show its outputs: %s",
                           news.unread);

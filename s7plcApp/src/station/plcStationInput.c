@@ -357,7 +357,7 @@ PLC_COLD static void takeReadback(plcStation *s, const void *block)
         epicsAtomicIncrIntT(&s->takes);
     if (first)
         epicsAtomicSetIntT(&s->followed, 0); /* as all that followers have put */
-    places = plcReadbackTake(s->readback, block, s->out);
+    places = plcReadbackTake(s->readback, block, NULL, s->out);
 
     epicsAtomicSetIntT(&s->taken, 1);
     plcInputHeld(s);

@@ -49,6 +49,8 @@ typedef struct plcExchange {
     /* owned by the thread */
     char *input, *output;  /* as news brings them */
     char *image, *mask;    /* what is put next */
+    char *hidden;          /* bits of `output` that the PLC does not show; */
+    int hides;             /* there are some */
     int waiting;           /* the connection is up, the worker has not got it yet */
     int shown;             /* `output` is news that nobody has looked at yet */
     epicsUInt64 ordered;   /* when the oldest put under way was made; 0: none is */

@@ -39,7 +39,8 @@ typedef struct plcNews {
                                 * what is ordered meanwhile, that. Without outputs, 1 at
                                 * connect */
     char unread[PLC_REASON_SIZE]; /* "": or why the PLC does not show its outputs (news when
-                                   * this begins or changes; shown is 0 then) */
+                                   * this begins or changes). shown is 0 then, or the PLC
+                                   * shows some of them: `hidden` says which it does not */
     int inFaults, outFaults;   /* 1: something changed in these */
     char log[PLC_REASON_SIZE + 80]; /* a line for the log, "": none. Transitions only */
     int idle;                  /* without takesPuts: all puts are through (or refused) */
@@ -144,6 +145,11 @@ typedef struct plcTransport {
     /* Fetches the news. *input and *output, as long as the images, are filled when blocks or
      * shown are not 0. Returns 0 when there is none. */
     int (*news)(void *pvt, plcNews *news, void *input, void *output);
+
+    /* Fills *mask, as long as the output image, with the bits that the PLC did not show when it
+     * was last shown; those in *output are of no meaning. Returns 1 when there are any. NULL: it
+     * shows all or none. */
+    int (*hidden)(void *pvt, void *mask);
 
     /* How many places of the input (registers, bits, tags) the PLC refuses to show now, and of how
      * many; which comes first, and why: "holding 4 to 7: exception 2, illegal data address".
