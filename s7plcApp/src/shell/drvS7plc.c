@@ -429,6 +429,7 @@ static void hook(initHookState state)
 #endif
     } else if (state == initHookAfterDatabaseRunning) {
         epicsAtomicSetIntT(&runs, 0);
+        memset(&lateCallback, 0, sizeof(lateCallback)); /* its timer ended with the IOC before */
         callbackSetCallback(runLate, &lateCallback);
         callbackSetPriority(priorityLow, &lateCallback);
         callbackRequestDelayed(&lateCallback, LATE);
