@@ -171,6 +171,82 @@ def test_silent_unit(new_modbus, new_ioc):
     assert plc.connections == 1
 
 
+def test_late_answers(new_modbus, new_ioc):
+    """one of three units answers when its time is over: what comes late is dropped, the others are read and written on the same connection"""
+    plc, late = new_modbus(), []
+    db = "\n".join(f"""
+        record(longin, "$(P)in{u}") {{ field(DTYP, "S7plc") field(INP, "@PLC/{4 * u} T=INT16") field(SCAN, "I/O Intr") }}
+        record(longout, "$(P)out{u}") {{ field(DTYP, "S7plc") field(OUT, "@PLC/{4 * u} T=INT16") }}""" for u in range(3))
+    ioc = new_ioc(plc.configure("holding 0 2 every 50, holding 10 2 every 50 unit 2, holding 20 2 every 50 unit 3",
+                                "holding 100 2, holding 100 2 unit 2, holding 100 2 unit 3", timeout=200), db)
+    for u in range(3):
+        ioc.wait_alarm(f"in{u}", "NO_ALARM")
+
+    def mangle(request, frame):
+        if request.unit != 2:
+            return frame
+        handler = plc.handlers[-1]
+        plc.loop.call_later(0.3, lambda: (handler.send(frame), late.append(request)))
+        return b""
+    plc.mangle = mangle
+    ioc.wait_alarm("in1", "INVALID", "READ", "no answer")
+    for value in range(1, 4):
+        plc.holding[0] = plc.holding[20] = value
+        seen = len(late)
+        ioc.wait_value("in0", value)
+        ioc.wait_value("in2", value)
+        until(lambda: len(late) >= seen + 2, "late answers")
+        ioc.put("out0", 10 * value)
+        until_equal(lambda: plc.holding[100], 10 * value)
+    assert {ioc.severity(name) for name in ("in0", "in2", "out0")} == {"NO_ALARM"}
+    plc.mangle = None
+    plc.holding[10] = 7
+    ioc.wait_value("in1", 7)
+    ioc.wait_alarm("in1", "NO_ALARM")
+    assert plc.connections == 1
+    lines = errors_in(ioc.log)
+    assert lines and all("no answer from this unit" in line or "good again" in line for line in lines), lines
+
+
+def test_late_answer_of_the_only_unit(new_modbus, new_ioc):
+    """the only unit answers when its time is over: no answer, a new connection, and the late answer is taken for no other"""
+    plc = new_modbus()
+    ioc = start(plc, new_ioc, "requestTimeout 200")
+    use(plc, ioc, 1)
+
+    def mangle(request, frame):
+        handler, plc.mangle = plc.handlers[-1], None
+        plc.loop.call_later(0.4, lambda: handler.send(frame))
+        return b""
+    plc.mangle = mangle
+    ioc.wait_log("disconnected: no answer for 200 ms")
+    use(plc, ioc)
+    assert plc.connections == 2 and ioc.get("losses") == 1
+
+
+def test_restart_while_idle(new_modbus, new_ioc):
+    """a device that closes in an orderly way and starts anew while nobody asks: the next put has a connection, nothing else is written, no word; after a reset all is written again"""
+    plc = new_modbus()
+    ioc = start(plc, new_ioc, "readPeriod 0", inputs="",
+                db="\n".join(line for line in DB.splitlines() if "INP" not in line or "stats" in line))
+    ioc.put("out", 1)
+    ioc.put("far", 2)
+    plc.hang_up()
+    until(lambda: all(h.ended for h in plc.handlers), "the end of all connections")
+    plc.holding[200] = plc.holding[239] = 0
+    mark = plc.mark()
+    ioc.put("out", 3)
+    assert [r.start for r in plc.since(mark)] == [200] and plc.holding[239] == 0
+    quiet(ioc)
+    plc.holding[200] = plc.holding[239] = 0
+    plc.power_off()
+    ioc.put("out", 4, wait=False)  # it is noticed now
+    ioc.wait_value("losses", 1)
+    plc.power_on()
+    until_equal(lambda: (plc.holding[200], plc.holding[239]), (4, 2))
+    ioc.wait_alarm("out", "NO_ALARM")
+
+
 def test_at_most_32(new_modbus, new_ioc):
     """a device with at most 32 registers in a request, by exception: it is asked for less from then on"""
     plc = new_modbus()
