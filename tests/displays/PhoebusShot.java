@@ -11,6 +11,7 @@ import javafx.stage.Stage;
 
 import org.csstudio.display.builder.model.*;
 import org.csstudio.display.builder.model.persist.ModelLoader;
+import org.csstudio.display.builder.model.properties.CommonWidgetProperties;
 import org.csstudio.display.builder.representation.javafx.JFXStageRepresentation;
 import org.csstudio.display.builder.runtime.*;
 import org.csstudio.display.builder.runtime.pv.RuntimePV;
@@ -24,7 +25,7 @@ import org.phoebus.pv.PV;
  *    open NAME FILE M=V ...   check NAME   wait NAME   shot NAME FILE SMALL   close NAME
  *  check waits for all PVs, then prints what is not connected and words that do not fit. */
 public class PhoebusShot {
-    static final int LIMIT = 30, SETTLE = 2; // s
+    static final int LIMIT = 30, SETTLE = 4; // s
     static final int MARGIN = 4;             // pixels above and below letters
 
     record Opened(Stage stage, JFXStageRepresentation representation, DisplayModel model) {}

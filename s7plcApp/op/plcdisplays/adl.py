@@ -1,5 +1,7 @@
 """A display as an .adl of MEDM. A lamp is a pile of rectangles with words, of which one is
-seen (calc). MEDM asks no questions before a put, so an order is a menu: two clicks.
+seen (calc). MEDM asks no questions before a put, so an order is a menu, two clicks, with its
+name above. MEDM shows no units of PVs: they stand beside the values. Its fonts follow the height
+of a widget, and are wider than those of others: what has words is made less high.
 """
 from .layout import (BACKGROUND, BLACK, BLUE, GREEN, GREY, HEADING, ORANGE, PURPLE, RED, WHITE)
 
@@ -7,6 +9,8 @@ ENDING = "adl"
 COLOURS = [WHITE, BLACK, BACKGROUND, GREY, HEADING, RED, ORANGE, GREEN, BLUE, PURPLE,
            (215, 225, 240), (0, 90, 160)]
 BUTTON, TRACE = 10, 11
+UNIT_ROOM = {"": 0, "s": 14, "ms": 26, "%": 18, "bytes": 42}  # pixels
+NAME = 12  # pixels: the name above a menu
 
 
 def _number(colour):
@@ -36,8 +40,7 @@ def _seen(pv, condition):
 
 
 def _words(text, x, y, w, size, colour, align, height, pv="", condition=""):
-    # MEDM chooses the largest font that fits the height.
-    h = min(size + 3, height)
+    h = min(size, height)
     return _block("text", *_object(x, y + (height - h) // 2, w, h), *_basic(colour),
                   *_seen(pv, condition), f'textix="{text}"', f'align="{align}"')
 
@@ -49,11 +52,16 @@ def _label(i):
 
 def _value(i):
     pv = i.pv + ".VAL$" if i.long else i.pv
-    h = min(i.size + 3, i.h)
-    return _block('"text update"', *_object(i.x, i.y + (i.h - h) // 2, i.w, h),
+    h = min(i.size + 1, i.h)
+    unit = i.longest.split()[-1] if i.longest and i.longest[-1] not in "0123456789" else ""
+    room = UNIT_ROOM[unit]
+    wide = i.w if i.right or not unit else min(i.w, 10 * len(i.longest))
+    beside = _words(unit, i.x + wide - room + 3, i.y, room - 3, i.size, BLACK, "horiz. left", i.h) \
+        if unit else []
+    return beside + _block('"text update"', *_object(i.x, i.y + (i.h - h) // 2, wide - room, h),
                   *_block("monitor", f'chan="{pv}"', f"clr={_number(BLACK)}",
                           f"bclr={_number(BACKGROUND)}"),
-                  f'align="horiz. {"right" if i.right else "left"}"',
+                  f'align="horiz. {"right" if i.right or unit else "left"}"',
                   *(['format="string"'] if i.long else []), "limits {", "}")
 
 
@@ -70,9 +78,15 @@ def _lamp(i):
     return out
 
 
+def _button(i):
+    """Less high than elsewhere: place in x, y, width, height."""
+    h = min(22, i.h)
+    return i.x, i.y + (i.h - h) // 2, i.w, h
+
+
 def _open(i):
     args = ",".join(f"{k}={v}" for k, v in i.macros.items())
-    return _block('"related display"', *_object(i.x, i.y, i.w, i.h),
+    return _block('"related display"', *_object(*_button(i)),
                   *_block("display[0]", f'label="{i.text}"', f'name="{i.display}.adl"',
                           f'args="{args}"'),
                   f"clr={_number(BLACK)}", f"bclr={BUTTON}", f'label="-{i.text}"')
@@ -81,8 +95,9 @@ def _open(i):
 def _order(i):
     control = _block("control", f'chan="{i.pv}"', f"clr={_number(BLACK)}", f"bclr={BUTTON}")
     if i.ask:
-        return _block("menu", *_object(i.x, i.y, i.w, i.h), *control)
-    return _block('"message button"', *_object(i.x, i.y, i.w, i.h), *control,
+        return _words(i.text, i.x, i.y - NAME, i.w, NAME, BLACK, "horiz. centered", NAME) + \
+            _block("menu", *_object(i.x, i.y + 4, i.w, i.h - 4), *control)
+    return _block('"message button"', *_object(*_button(i)), *control,
                   f'label="{i.text}"', f'press_msg="{i.value}"')
 
 

@@ -75,6 +75,7 @@ class CaQtDM(Writer):
             self.alignment(i.right),
             _property("fontScaleMode", "enum", "caLineEdit::None", True),
             _property("colorMode", "enum", "caLineEdit::Alarm_Default", True),
+            _property("unitsEnabled", "bool", str(not i.long).lower(), True),
             _property("formatType", "enum", "caLineEdit::string" if i.long
                       else "caLineEdit::decimal", True),
             self.colour("foreground", BLACK), self.colour("background", BACKGROUND)])
@@ -99,11 +100,13 @@ class CaQtDM(Writer):
             self.colour("foreground", BLACK), self.colour("background", BUTTON)])
 
     def order(self, i):
-        """caQtDM asks no question: what needs one is a menu, two clicks."""
+        """caQtDM asks no question: what needs one is a menu, two clicks, with its name above."""
         common = [_property("channel", "string", i.pv, True),
                   self.colour("foreground", BLACK), self.colour("background", BUTTON)]
         if i.ask:
-            return self.widget("caMenu", (i.x, i.y, i.w, i.h), common)
+            name = self.words(i.text, (i.x, i.y - 12, i.w, 14), 11, False, BLACK, BACKGROUND,
+                              _property("alignment", "set", "Qt::AlignCenter"))
+            return name + self.widget("caMenu", (i.x, i.y + 4, i.w, i.h - 4), common)
         return self.widget("caMessageButton", (i.x, i.y, i.w, i.h), [
             *common, _property("label", "string", i.text, True),
             _property("pressMessage", "string", i.value, True)])
