@@ -147,3 +147,13 @@ def test_core_names_no_wire(sources):
                       for number, line in enumerate(source.text.splitlines(), 1)
                       if WIRES.search(line)]
     assert not wrong, "\n".join(wrong)
+
+
+def test_locks(sources):
+    """docs/architecture.md says of each mutex in which order it is taken"""
+    made = {source.path.stem for source in sources
+            if re.search(r"\bepicsMutex(Must)?Create\w*\(", source.code)}
+    table = (TOP / "docs/architecture.md").read_text().split("## Locks")[1].split("\n## ")[0]
+    told = {name for row in re.findall(r"^\| [^|]*\| ([^|]*) \|", table, re.M)
+            for name in re.findall(r"`(\w+)`", row)}
+    assert made == told

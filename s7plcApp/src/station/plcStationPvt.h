@@ -6,13 +6,15 @@
  *   a) the record lock (Base), by whoever processes a record or puts to it
  *   b) listLock (plcStation.c): the list of PLCs, and how far the IOC is. Threads are started under
  *      it, and when an IOC has ended its stations are freed, after their threads have
- *   c) that of an asyn port: its places and who is called back
+ *   c) those of what stands on top: the list of pairs, under which their passes are asked for when
+ *      the IOC runs; that of an asyn port, its places and who is called back
  *   d) `lists.lock`: which records follow, wait, are silent
  *   e) `lock` of a station: options, counters, addresses, reasons, whether puts are refused
- *   f) one of a table of read-backs: a put and its note go together
+ *   f) those of the tables of read-backs, `readback` first: a put and its notes go together
  *   g) the mailbox of a worker, and what else it has; it closes sockets under it
  *   h) one of these, alone: of an image (its puts are under it, too), of faults, of a scan list, of
  *      the owners of bytes; of a resolver, which wakes the thread under it (a byte into a pipe)
+ * Those of transports and policies in full: docs/architecture.md, which a test compares.
  * Without a lock: what the thread owns (lines, timers, leader), which no other thread touches;
  * words between threads, which are EPICS atomics; reading the input image (plcImage.h).
  */
