@@ -8,6 +8,7 @@ import epics
 import pytest
 
 from client import ARCH, TOP
+from soak import clock
 from ioc import errors_in
 from waiting import until, until_equal
 
@@ -910,6 +911,72 @@ def test_describe(plant):
     assert re.search(r"\.State +SINT", plant.ioc.command("drvEtherIP_describe P, M.axis[1]"))
     assert "lists no such tag" in plant.ioc.command("drvEtherIP_describe Nix")
     assert "allowed: 1 to 4095" in plant.ioc.command("drvEtherIP_describe 0")
+
+
+@pytest.mark.parametrize("step", [3600, -3600], ids=["an hour on", "an hour back"])
+def test_clock_jump(plant, tmp_path, step):
+    """The time of day jumps {step} s: values, puts and periods go on, and nothing is lost"""
+    needs = subprocess.run(["ldd", TOP / "bin" / ARCH / "eipIoc"], text=True, capture_output=True).stdout
+    if re.search(r"lib[atu]b*san", needs):
+        pytest.skip("built with a sanitizer, which must be loaded first")
+    clock.build(tmp_path)
+    now = tmp_path / "now"
+    now.write_bytes(bytes(8))
+    plant.tags("tag A DINT counter", "tag B DINT", "tag C DINT counter")
+    plant.records(rec("longin", "a", "A S 0.05"), rec("longout", "b", "B S 0.1"),
+                  rec("longin", "c", "C", "SCAN=.1 second"),
+                  env={**os.environ, "LD_PRELOAD": str(tmp_path / "clockstep.so"), "SOAK_CLOCK": str(now)})
+    until(lambda: plant.ioc.severity("b") == "NO_ALARM")
+    before = plant.ioc.pv("a").get_with_metadata(form="time")["timestamp"]
+    with open(now, "r+b") as file:
+        file.write(int(step * 1e9).to_bytes(8, "little", signed=True))
+    for value in range(1, 6):
+        reads = plant.total()
+        until(lambda: plant.total() > reads + 10)
+        for name in ("a", "c"):
+            seen = plant.ioc.get(name)
+            until(lambda: plant.ioc.get(name) > seen)
+        plant.ioc.put("b", value)
+        plant.wait_tag("B", str(value))
+    after = plant.ioc.pv("a").get_with_metadata(form="time")["timestamp"]
+    assert abs(after - before - step) < 600  # it did jump
+    assert not errors_in(plant.ioc.log)
+
+
+def test_state(plant):
+    """The state of a PLC that refuses some tags, or all, says so, with the first of them"""
+    plant.tags("tag A DINT = 5", "tag B DINT hidden")
+    plant.records(rec("longin", "a", "A S 0.05"), rec("longin", "b", "B S 0.05"), rec("longout", "o", "A S 0.05"))
+    plant.ioc.wait_value("a", 5)
+
+    def report():
+        return plant.ioc.command("drvEtherIP_report 1")
+    until(lambda: "some reads refused (B: no right to access it (0F) (1 of " in report(), report)
+    assert plant.ioc.severity("a") == "NO_ALARM"
+    plant.ioc.put("a.INP", "@P Nobody S 0.05")
+    plant.ioc.put("o.OUT", "@P Nobody S 0.05")
+    until(lambda: re.search(r"(?<!some )reads refused \((B|Nobody): .*2 of 2", report()), report)
+    plant.ioc.put("a.INP", "@P A S 0.05")
+    plant.ioc.put("o.OUT", "@P A S 0.05")
+    until(lambda: "some reads refused" in report(), report)
+    plant.ioc.put("b.INP", "@P A S 0.05")
+    until(lambda: "refused (" not in report(), report)
+
+
+def test_long_pause(plant):
+    """Tags with a period longer than a connection may be silent: kept alive, no loss, and read in their turn"""
+    plant.tags("tag A DINT = 5")
+    plant.records(rec("longin", "a", "A S 100"), rec("longout", "o", "A S 100"))
+    plant.ioc.wait_value("a", 5)
+    looks = re.compile(r"services:.* 03=(\d+)")  # for the program: every 3 s
+
+    def asked():
+        found = looks.search(plant.sim.command("etherip"))
+        return int(found.group(1)) if found else 0
+    before = asked()
+    until(lambda: asked() > before + 5)
+    assert plant.ioc.severity("a") == plant.ioc.severity("o") == "NO_ALARM"
+    assert not errors_in(plant.ioc.log)
 
 
 def test_another_address(plant):

@@ -406,8 +406,11 @@ int plcExchangeNews(plcStation *s, epicsUInt64 now, epicsUInt64 *wake,
     plcNews news;
     char text[PLC_REASON_SIZE + 60];
     int byBlock;
+    int others = x->sign && x->owners != plcOwnersChanges(s->owners);
 
     startWhenReady(s);
+    if (others) /* what a record has left is of no interest any more */
+        countRefused(s);
     if (x->transport->news(x->pvt, &news, x->input, x->output)) {
         countNews(s, &news, now);
         if (x->sign && news.requests)
