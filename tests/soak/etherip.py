@@ -82,16 +82,13 @@ class EtherIp(World):
             put = judge.put_of(int(value))
             if not put or put[1] != wanted:
                 if self.put_at.get(record) == self.connection():
-                    return f"o{record} has {put}, put {wanted} was the last, {self.held(record)}"
-                has = self.held(record)
+                    return f"o{record} has {put}, put {wanted} was the last, the PLC has {judge.put_of(self.held(record))}"
+                has = judge.put_of(self.held(record))
                 self.put(record)
-                return f"o{record} has {put}, {has}"
+                return f"o{record} has {put}, the PLC {has}"
             if self.outputs.last.get(record) != wanted:
                 return f"output {record}: put {wanted} was the last, the PLC has {self.outputs.last.get(record)}"
         return None
-
-    def held(self, record):
-        return "the PLC: " + self.console(f"etherip get S{record}").strip()
 
     def held_at_rest(self, record):
         self.outputs.refusing = False
