@@ -21,6 +21,7 @@ typedef struct user {
 
 struct eipPlace {
     ELLNODE node;
+    char *key; /* in the table, which keeps no copy */
     eipWant want;
     ELLLIST users;
     unsigned outputs; /* of them */
@@ -55,6 +56,7 @@ void eipPlacesDestroy(eipPlaces *p)
 
         ellFree(&place->users);
         free(place->want.tag);
+        free(place->key);
         free(place);
     }
     gphFreeMem(p->table);
@@ -111,6 +113,7 @@ static eipPlace *make(eipPlaces *p, const eipWant *wish, char *key)
     if (room > p->size - p->used)
         return NULL;
     place = callocMustSucceed(1, sizeof(*place), "eipPlaces");
+    place->key = key;
     place->want = *wish;
     place->want.tag = epicsStrDup(wish->tag);
     place->want.place = p->used;
