@@ -335,7 +335,7 @@ unsigned pairPeerCount(pairPeer *p, epicsUInt32 word)
 
     epicsMutexMustLock(p->lock);
     for (i = 0; i < WORDS; i++)
-        if (p->words[i] == word && i < p->nextWord)
+        if (i < p->nextWord && p->words[i] == word)
             count = p->counts[i];
     epicsMutexUnlock(p->lock);
     return count;

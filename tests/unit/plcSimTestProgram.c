@@ -69,13 +69,12 @@ static void tearDown(void)
 
 static void call(int connected, int remote, int send, const char *block)
 {
-    simInputs in;
+    simInputs in = {.now = now,
+                    .connected = connected,
+                    .remote = remote,
+                    .send = send,
+                    .received = (const epicsUInt8 *)block};
 
-    in.now = now;
-    in.connected = connected;
-    in.remote = remote;
-    in.send = send;
-    in.received = (const epicsUInt8 *)block;
     IE_COMMS(&program, &in);
 }
 
