@@ -58,8 +58,8 @@ static void testSilence(void)
     WAIT_FOR(!reason(s)[0]);
     testOk(!reason(s)[0], "the worker brings data");
     epicsAtomicSetIntT(&fake.works, 0);
-    WAIT_FOR(epicsAtomicGetIntT(&fake.downs) > 0);
-    plcStationStats(s, &st);
+    WAIT_FOR(epicsAtomicGetIntT(&fake.downs) > 0 && reason(s)[0] &&
+             (plcStationStats(s, &st), st.lastError[0]));
     testOk(strncmp(st.lastError, "no fake request for 1.", 22) == 0 && reason(s)[0],
            "it stands still: %s", st.lastError);
     before = epicsAtomicGetIntT(&fake.ups);
