@@ -57,12 +57,12 @@ static void testSilence(void)
     s = start(&listener);
     WAIT_FOR(!reason(s)[0]);
     testOk(!reason(s)[0], "the worker brings data");
+    before = epicsAtomicGetIntT(&fake.ups);
     epicsAtomicSetIntT(&fake.works, 0);
     WAIT_FOR(epicsAtomicGetIntT(&fake.downs) > 0 && reason(s)[0] &&
              (plcStationStats(s, &st), st.lastError[0]));
     testOk(strncmp(st.lastError, "no fake request for 1.", 22) == 0 && reason(s)[0],
            "it stands still: %s", st.lastError);
-    before = epicsAtomicGetIntT(&fake.ups);
     epicsAtomicSetIntT(&fake.works, 1);
     WAIT_FOR(epicsAtomicGetIntT(&fake.ups) > before && !reason(s)[0]);
     testOk(!reason(s)[0], "on the next connection it works again, and data is good");

@@ -124,6 +124,17 @@ static void delivered(void *pvt, const void *block, const epicsTimeStamp *stamp)
     epicsMutexUnlock(w.lock);
 }
 
+/* Blocks that the records have got. */
+static unsigned shown(void)
+{
+    unsigned count;
+
+    epicsMutexMustLock(w.lock);
+    count = w.shown;
+    epicsMutexUnlock(w.lock);
+    return count;
+}
+
 static const plcListener listener = {.delivered = delivered};
 
 /* --- The PLC ------------------------------------------------------------------------------ */
@@ -318,6 +329,7 @@ static int isSaid(void)
 static void slips(fault what)
 {
     size_t by = 1 + below((unsigned)w.inSize - 1), size = w.inSize;
+    unsigned before;
 
     if (what == resizes)
         while (size % w.inSize == 0) /* a multiple looks like a backlog */
@@ -335,24 +347,24 @@ static void slips(fault what)
         fails("it is not said what is wrong");
     toolClose(w.fd);
     acceptStation();
-    w.shown = 0;
+    before = shown();
     sendGood(0);
-    WAIT_FOR(w.shown > 0);
-    if (!w.shown)
+    WAIT_FOR(shown() > before);
+    if (shown() == before)
         fails("after it no good block is shown");
 }
 
 static void sendsPieces(void)
 {
-    unsigned before = w.good, shown, i;
+    unsigned before = w.good, then, i;
     plcStats st;
 
-    WAIT_FOR(w.shown == before || w.late >= awake());
-    shown = w.shown;
+    WAIT_FOR(shown() == before || w.late >= awake());
+    then = shown();
     w.most = 2 + below(4);
     for (i = 0; i < 20; i++)
         sendGood(0);
-    WAIT_FOR(w.shown - shown == w.good - before || w.late >= awake());
+    WAIT_FOR(shown() - then == w.good - before || w.late >= awake());
     plcStationStats(w.station, &st);
     if (st.skipped || st.doubts)
         fails("a PLC that begins to send in pieces has lost a block");
@@ -370,9 +382,9 @@ static int episode(int number)
         sendsPieces();
     else
         slips(what);
+    finish();
     if (w.wrong > 1 || (w.wrong && !w.excused))
         fails("a block was shown that the PLC has not sent");
-    finish();
     if (w.failure && (w.late >= awake() || (w.wrong && w.excused))) {
         testDiag("episode %d, %s each %.0f ms: the machine slept for %.1f ms, or the end of a "
                  "piece looked like that of a block (%s)", number, faultNames[what], w.period,
