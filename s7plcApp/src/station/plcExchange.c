@@ -185,7 +185,7 @@ static void tellThrough(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     plcExchange *x = s->exchange;
     epicsUInt64 through;
 
-    if (!s->through || !epicsAtomicGetIntT(&s->awaited))
+    if (!epicsAtomicGetIntT(&s->awaited)) /* who waits has said before whom to tell */
         return;
     through = countThrough(s);
     if (through == x->told)

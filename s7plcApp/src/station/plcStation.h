@@ -138,7 +138,7 @@ int plcStationAcknowledges(plcStation *station);
 int plcStationThrough(plcStation *station, const plcPutMark *mark);
 
 /* through(station) is called in a callback thread when puts may be through, while somebody
- * waits for one (plcStationAwait with 1, until the same with -1). */
+ * waits for one (plcStationAwait with 1, until the same with -1; plcStationOnThrough first). */
 void plcStationOnThrough(plcStation *station, void (*through)(plcStation *station));
 void plcStationAwait(plcStation *station, int more);
 
