@@ -35,7 +35,7 @@ class Viewer:
         end = time.monotonic() + seconds
         while time.monotonic() < end and not until():
             self.app.processEvents()
-            time.sleep(0.01)
+            time.sleep(0.01)  # the pace of the looks
 
     def open(self, name, macros):
         file = f"pydm/plclink{name}.ui"

@@ -182,7 +182,7 @@ def watch(options, children):
         if time.monotonic() - shown > 10:
             shown = time.monotonic()
             progress(options, begin)
-        time.sleep(0.2)
+        time.sleep(0.2)  # the pace of the looks
     progress(options, begin)
     return [name for name, child in children.items() if child.returncode]
 

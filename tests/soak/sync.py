@@ -143,7 +143,7 @@ class Sync(World):
             if over():
                 raise judge.Wrong("lost", f"setpoint {record}: put {number} was accepted, the PLC holds "
                                           f"{self.held.last.get(record)} after {over.words()}")
-            time.sleep(0.01)
+            time.sleep(0.01)  # the pace of the looks
         return True
 
     def look_at_memory(self):  # hook
@@ -171,7 +171,7 @@ class Sync(World):
             if self.answering():
                 self.put(1 + dice.randrange(POINTS))
                 self.completions()
-            time.sleep(dice.uniform(0, 0.05))
+            time.sleep(dice.uniform(0, 0.05))  # the pace of the HMI
         yield
 
     def fault_refuse_sync(self, dice, seconds):

@@ -87,7 +87,7 @@ class Passage:
         """As the faults in force have it; each piece is told of when it has gone."""
         for piece, pause in self.proxy.pieces(way, data):
             if pause:
-                await asyncio.sleep(pause)
+                await asyncio.sleep(pause)  # the fault: this piece comes so late
             await self.proxy.flowing[way].wait()
             if self.dead or self.ended:
                 return

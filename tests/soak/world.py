@@ -44,7 +44,7 @@ class Pulse:
     def run(self):
         while True:
             begin = time.monotonic()
-            time.sleep(0.02)
+            time.sleep(0.02)  # how late does the machine wake a thread
             end = time.monotonic()
             if end - begin > 0.04:
                 self.late.append((end, end - begin - 0.02))
@@ -437,6 +437,7 @@ class World:
     def work(self, dice, until):
         while time.monotonic() < until:
             self.turn(dice)
+            # the pace of the clients
             time.sleep(min(dice.uniform(0.02, 0.25), max(0, until - time.monotonic())))
 
     def episode(self, episode):
@@ -541,7 +542,7 @@ class World:
             if last and over():
                 raise judge.Wrong("lost" if "was the last" in last else "stuck",
                                   f"not well {over.words()} after the faults: {last}")
-            time.sleep(0.1)
+            time.sleep(0.1)  # the pace of the looks
         return well
 
     def rests(self, dice):
@@ -552,7 +553,7 @@ class World:
             if not self.look(name) and self.losses == self.whole_at and \
                     time.monotonic() - self.inputs.times[-1] < self.TIMEOUT / 2 and self.pulse.slack() < 1:
                 raise judge.Wrong("wrong", f"{name} is INVALID although all is well")
-            time.sleep(0.05)
+            time.sleep(0.05)  # the pace of the looks
         return self.losses == self.whole_at
 
     def held_in_the_end(self, record):
@@ -729,7 +730,7 @@ class World:
         yield
         self.ioc.process.send_signal(signal.SIGCONT)
         self.stopped = False
-        time.sleep(self.pulse.slack() / 2)
+        time.sleep(self.pulse.slack() / 2)  # what was held up in sockets is taken meanwhile
         with self.lock:
             self.inputs.over("blind", time.monotonic())
 
@@ -811,5 +812,5 @@ class World:
             for record in range(1, self.OUTPUTS + 1):
                 self.put(record)
             self.completions()
-            time.sleep(0.002)
+            time.sleep(0.002)  # the pace of the writer
         yield

@@ -174,9 +174,9 @@ class Handler(ServerRequestHandler):
                 self.refuse(peer.unit_code)
             return
         while not peer.answering.is_set():
-            await asyncio.sleep(0.001)
+            await asyncio.sleep(0.001)  # the pace of the looks
         if peer.delay:
-            await asyncio.sleep(peer.delay)
+            await asyncio.sleep(peer.delay)  # a PLC this slow
         if self.ended:
             return
         code = peer.judge(request)

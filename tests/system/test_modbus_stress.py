@@ -101,7 +101,7 @@ class Trouble:
         """A close never comes twice in a row: then the connection is lost, and puts may be."""
         was, self.closed = self.closed, False
         if self.happens("delay", 0.05):
-            time.sleep(self.chance.random() * 0.01)
+            time.sleep(self.chance.random() * 0.01)  # the fault: the answer comes so late
         if self.happens("twice", 0.05):
             return frame + frame
         handler = self.plc.handlers[-1]

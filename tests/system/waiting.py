@@ -15,7 +15,7 @@ def until(condition, what="the condition", limit=LIMIT):
         if time.monotonic() > deadline:
             detail = what() if callable(what) else what
             raise AssertionError(f"not within {limit:g} s: {detail}")
-        time.sleep(0.01)
+        time.sleep(0.01)  # the pace of the looks
 
 
 def until_equal(read, wanted, limit=LIMIT):

@@ -40,7 +40,7 @@ void pairWorldPut(pairWorld *world, epicsUInt32 word);
 
 pairPeerSeen pairWorldSeen(pairWorld *world, int which);
 
-/* Waits until the condition is true, looking again and again; 20 s at most. Its value is
+/* Waits until the condition is true, looking each half ms; 20 s at most. Its value is
  * the condition's. */
 #define pairWorldWait(world, condition)                                                  \
     ({                                                                                   \

@@ -204,7 +204,7 @@ static int sendPiece(const unsigned char *bytes, size_t size, epicsUInt64 at)
         return 0;
     w.bytes += size;
     while (late = (double)(epicsMonotonicGet() - at) / MS, !isRead() && late < awake())
-        epicsThreadSleep(0.0002);
+        epicsThreadSleep(0.0002); /* the pace of the looks */
     if (late > w.late)
         w.late = late;
     return 1;

@@ -12,7 +12,7 @@
 /* Patience with a machine that is busy, s; reached only when a test fails. */
 #define PATIENCE_S 30
 
-/* WAIT_FOR(condition); comes back when it is true or patience is at an end. */
+/* WAIT_FOR(condition) looks each ms; comes back when it is true or patience is at an end. */
 #define WAIT_FOR(condition)                                                               \
     do {                                                                                  \
         epicsUInt64 end_ = epicsMonotonicGet() + PATIENCE_S * 1000000000ull;               \
