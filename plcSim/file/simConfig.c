@@ -300,8 +300,10 @@ int simSplit(char *line, char **words, size_t max, char error[SIM_ERROR_SIZE])
         from += strspn(from, " \t\r\n");
         if (*from == 0 || *from == '#')
             return (int)count;
-        if (count == max)
-            return simFail(error, "more than %lu words", (unsigned long)max);
+        if (count == max) {
+            simFail(error, "more than %lu words", (unsigned long)max);
+            return -1;
+        }
         words[count++] = to = from;
         while (*from && !strchr(" \t\r\n", *from)) {
             if (*from != '"') {
@@ -309,8 +311,10 @@ int simSplit(char *line, char **words, size_t max, char error[SIM_ERROR_SIZE])
                 continue;
             }
             from = quoted(from, &to);
-            if (!from)
-                return simFail(error, "a \" is missing");
+            if (!from) {
+                simFail(error, "a \" is missing");
+                return -1;
+            }
         }
         if (*from)
             from++;
