@@ -54,7 +54,7 @@ else ifneq ($(filter demo demo-% test check-all soak bench displays fuzz,$(MAKEC
   demo-asyn: ; @+$(BUILD) && exec iocBoot/iocAsyn/demo
   demo-modbus: ; @+$(BUILD) && exec iocBoot/iocModbus/demo
   demo-map: ; @configure/setup.sh map; $(BUILD) && exec iocBoot/iocMap/demo
-  demo-tables: ; @+$(BUILD) && exec iocBoot/iocTables/demo
+  demo-tables: ; @configure/setup.sh map; $(BUILD) && exec iocBoot/iocTables/demo
   demo-etherip: ; @+$(BUILD) && exec iocBoot/iocEtherIP/demo
   test: ; @+tests/run
   check-all: ; @+tests/check/run

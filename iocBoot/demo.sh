@@ -82,7 +82,7 @@ try() {
     done
 }
 
-value() { caget -w 3 -t "$P$1" 2>/dev/null; }
+value() { caget -w 20 -t "$P$1" 2>/dev/null; }
 
 has() { [ "$(value "$1")" = "$2" ]; }
 
