@@ -74,6 +74,7 @@ plcModbus *plcModbusCreate(const plcModbusSetup *setup)
     m->out = zeroed(setup->outSize);
     m->outNews = zeroed(setup->outSize);
     m->hidden = zeroed(setup->outSize);
+    m->hiddenTaken = zeroed(setup->outSize);
     m->leaving = zeroed(setup->outSize);
     m->waiting = zeroed(setup->outSize);
     m->values = zeroed(setup->outSize);
@@ -129,6 +130,7 @@ void plcModbusDestroy(plcModbus *m)
     free(m->out);
     free(m->outNews);
     free(m->hidden);
+    free(m->hiddenTaken);
     free(m->leaving);
     free(m->waiting);
     free(m->values);
@@ -251,13 +253,8 @@ static void takeReadable(plcModbus *m)
 
 int plcModbusHidden(plcModbus *m, void *mask)
 {
-    int hides;
-
-    epicsMutexMustLock(m->lock);
-    hides = m->hides;
-    memcpy(mask, m->hidden, m->setup.outSize);
-    epicsMutexUnlock(m->lock);
-    return hides;
+    memcpy(mask, m->hiddenTaken, m->setup.outSize);
+    return m->hidesTaken;
 }
 
 int plcModbusTake(plcModbus *m, plcNews *news, void *input, void *output)
@@ -272,8 +269,11 @@ int plcModbusTake(plcModbus *m, plcNews *news, void *input, void *output)
     *news = m->news;
     if (m->news.blocks)
         memcpy(input, m->inNews, m->setup.inSize);
-    if (m->news.shown)
+    if (m->news.shown) {
         memcpy(output, m->outNews, m->setup.outSize);
+        memcpy(m->hiddenTaken, m->hidden, m->setup.outSize);
+        m->hidesTaken = m->hides;
+    }
     if (m->moreLog)
         epicsSnprintf(news->log + strlen(news->log),
                       sizeof(news->log) - strlen(news->log), " (and %u more)",

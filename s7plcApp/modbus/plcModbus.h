@@ -82,7 +82,7 @@ void plcModbusStop(plcModbus *modbus);
  * those that come before the last of these has left. */
 void plcModbusWrite(plcModbus *modbus);
 
-/* What a PLC with holes does not show of its outputs: plcTransport.hidden. */
+/* What a PLC with holes did not show of the outputs that were taken last: plcTransport.hidden. */
 int plcModbusHidden(plcModbus *modbus, void *mask);
 
 /* Fetches the news; `input` and `output` (inSize and outSize bytes) are only filled when

@@ -87,6 +87,8 @@ struct plcModbus {
     epicsUInt8 *inNews, *outNews;
     epicsUInt8 *hidden;   /* bits of outNews that the PLC refuses to show */
     int hides;            /* there are some */
+    epicsUInt8 *hiddenTaken; /* the same of the outputs that were taken last: the caller's own */
+    int hidesTaken;
     epicsUInt8 *readable; /* bits of inNews that were refused before */
     epicsUInt8 *clearing; /* the same of the image that was taken last: their fault ends
                           * when the records have it */

@@ -1,7 +1,7 @@
-/* Input records with SCAN "I/O Intr" that no block has made process yet, or none since the PLC was
- * lost: what they show until one does. A data record says in its alarm why there is no data, without processing: sites
- * hang chains on the first processing, which must see the first block. "S7plc stat" says
- * that the PLC is not there.
+/* Input records with SCAN "I/O Intr" that no block has made process yet, or none since the PLC
+ * was lost: what they show until one does. A data record says in its alarm why there is no data,
+ * without processing: sites hang chains on the first processing, which must see the first block.
+ * "S7plc stat" says that the PLC is not there.
  *
  * Knows records and reasons; not how blocks come.
  */

@@ -140,9 +140,11 @@ PLC_COLD static void lineFailed(plcStation *s, unsigned i, epicsUInt64 now,
     s->stats.connectErrors++;
     epicsMutexUnlock(s->lock);
     if (plcLineIsOutput(s, i) || (s->leader < 0 && !line->wrongSize)) {
+        int another = strncmp(s->outReason, why, PLC_REASON_SIZE - 1) != 0;
+
         plcStationReason(s, i, why);
-        if (plcLineIsOutput(s, i) && !line->logged)
-            plcInputFollow(s, 0); /* the reason is another one than it was */
+        if (plcLineIsOutput(s, i) && another)
+            plcInputFollow(s, 0);
     }
     if (!line->logged) {
         line->logged = 1;
