@@ -19,12 +19,15 @@
 /* clang-format off */
 static const simKey keys[] = {
 #define AT(member) offsetof(simBlockKeys, member)
-    {"port", keyOrNone, AT(port), 0, 65535, "2000", "off",
-     "TCP port (default 2000), 0 = any free one"},
-    {"clients", keyChoice, AT(keepFirst), 0, 0, "replace", "replace|keep",
-     "a second connection replaces the first, or is closed"},
-    {"sendwatchdog", keyTime, AT(sendWatchdog), 0, 3600, "10 s", NULL,
-     "a block that does not leave ends the connection, 0 = never"},
+    {.name = "port", .kind = keyOrNone, .offset = AT(port), .max = 65535,
+     .initial = "2000", .choices = "off",
+     .help = "TCP port (default 2000), 0 = any free one"},
+    {.name = "clients", .kind = keyChoice, .offset = AT(keepFirst),
+     .initial = "replace", .choices = "replace|keep",
+     .help = "a second connection replaces the first, or is closed"},
+    {.name = "sendwatchdog", .kind = keyTime, .offset = AT(sendWatchdog), .max = 3600,
+     .initial = "10 s",
+     .help = "a block that does not leave ends the connection, 0 = never"},
 #undef AT
 };
 /* clang-format on */
@@ -495,22 +498,33 @@ static int doGarbage(simCall *c)
 
 /* clang-format off */
 static const simCommand commands[] = {
-    {"received", 0, 1, doReceived, 0, "[n]",
-     "number of blocks from the IOC and the last n"},
-    {"mirror", 4, 4, doMirror, 1, "<offset> <length> -> <offset>",
-     "one more read-back, as in the file"},
-    {"silence", 0, 1, doSilence, 1, "[on|off]", "send nothing"},
-    {"close", 0, 0, doClose, 1, "", "end the connection with FIN"},
-    {"reset", 0, 0, doReset, 1, "", "end the connection with RST"},
-    {"refuse", 0, 2, doRefuse, 1, "[sync] [on|off]", "refuse new connections, or SYNC"},
-    {"stall", 0, 1, doStall, 1, "[on|off]", "read nothing"},
-    {"fragment", 1, 2, doFragment, 1, "<bytes> [ms] | off", "send in pieces, ms apart"},
-    {"delay", 1, 1, doDelay, 1, "<ms> | off", "each block leaves ms late"},
-    {"truncate", 1, 1, doTruncate, 1, "<bytes> | off", "send blocks of another size"},
-    {"garbage", 1, 1, doGarbage, 1, "<bytes>", "send random bytes once"},
-    {"cut", 1, 1, doCut, 1, "<bytes> | off",
-     "reset the connection after so many bytes came"},
-    {"flood", 0, 1, doFlood, 1, "[on|off]", "send as fast as the socket takes"},
+    {.name = "received", .max = 1, .fn = doReceived, .usage = "[n]",
+     .help = "number of blocks from the IOC and the last n"},
+    {.name = "mirror", .min = 4, .max = 4, .fn = doMirror, .logged = 1,
+     .usage = "<offset> <length> -> <offset>",
+     .help = "one more read-back, as in the file"},
+    {.name = "silence", .max = 1, .fn = doSilence, .logged = 1, .usage = "[on|off]",
+     .help = "send nothing"},
+    {.name = "close", .fn = doClose, .logged = 1, .usage = "",
+     .help = "end the connection with FIN"},
+    {.name = "reset", .fn = doReset, .logged = 1, .usage = "",
+     .help = "end the connection with RST"},
+    {.name = "refuse", .max = 2, .fn = doRefuse, .logged = 1,
+     .usage = "[sync] [on|off]", .help = "refuse new connections, or SYNC"},
+    {.name = "stall", .max = 1, .fn = doStall, .logged = 1, .usage = "[on|off]",
+     .help = "read nothing"},
+    {.name = "fragment", .min = 1, .max = 2, .fn = doFragment, .logged = 1,
+     .usage = "<bytes> [ms] | off", .help = "send in pieces, ms apart"},
+    {.name = "delay", .min = 1, .max = 1, .fn = doDelay, .logged = 1,
+     .usage = "<ms> | off", .help = "each block leaves ms late"},
+    {.name = "truncate", .min = 1, .max = 1, .fn = doTruncate, .logged = 1,
+     .usage = "<bytes> | off", .help = "send blocks of another size"},
+    {.name = "garbage", .min = 1, .max = 1, .fn = doGarbage, .logged = 1,
+     .usage = "<bytes>", .help = "send random bytes once"},
+    {.name = "cut", .min = 1, .max = 1, .fn = doCut, .logged = 1,
+     .usage = "<bytes> | off", .help = "reset the connection after so many bytes came"},
+    {.name = "flood", .max = 1, .fn = doFlood, .logged = 1, .usage = "[on|off]",
+     .help = "send as fast as the socket takes"},
 };
 /* clang-format on */
 

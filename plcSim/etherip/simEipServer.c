@@ -18,24 +18,29 @@
 /* clang-format off */
 static const simKey keys[] = {
 #define AT(member) offsetof(simEipKeys, member)
-    {"etherip_port", keyOrNone, AT(port), 0, 65535, "off", "off",
-     "EtherNet/IP port, usually 44818; 0 = any free one"},
-    {"etherip_profile", keyChoice, AT(profile), 0, 0, "l8x", simEipProfileNames,
-     "which controller it is"},
-    {"etherip_slot", keyUnsigned, AT(slot), 0, 255, "0", NULL,
-     "slot of the CPU in its backplane"},
-    {"etherip_program", keyText, AT(program), 1, 31, "plcSim", NULL,
-     "name of the program in the controller"},
-    {"etherip_key", keyChoice, AT(key), 0, 0, "remote", "remote|run|prog",
-     "the switch at the front: in run nobody may write"},
-    {"etherip_lostid", keyChoice, AT(lostSilent), 0, 0, "error", "error|silence",
-     "what a request on a connection that is gone gets"},
-    {"etherip_extra", keyChoice, AT(refuseExtra), 0, 0, "accept", "accept|refuse",
-     "bytes behind the data of a write, as some clients send them"},
-    {"etherip_connections", keyUnsigned, AT(connections), 1, SIM_EIP_CONNECTIONS, "32",
-     NULL, "how many CIP connections there may be"},
-    {"etherip_size", keyUnsigned, AT(size), 0, 4002, "0", NULL,
-     "largest connection in bytes, 0 = what the profile has"},
+    {.name = "etherip_port", .kind = keyOrNone, .offset = AT(port), .max = 65535,
+     .initial = "off", .choices = "off",
+     .help = "EtherNet/IP port, usually 44818; 0 = any free one"},
+    {.name = "etherip_profile", .kind = keyChoice, .offset = AT(profile),
+     .initial = "l8x", .choices = simEipProfileNames, .help = "which controller it is"},
+    {.name = "etherip_slot", .kind = keyUnsigned, .offset = AT(slot), .max = 255,
+     .initial = "0", .help = "slot of the CPU in its backplane"},
+    {.name = "etherip_program", .kind = keyText, .offset = AT(program), .min = 1,
+     .max = 31, .initial = "plcSim", .help = "name of the program in the controller"},
+    {.name = "etherip_key", .kind = keyChoice, .offset = AT(key), .initial = "remote",
+     .choices = "remote|run|prog",
+     .help = "the switch at the front: in run nobody may write"},
+    {.name = "etherip_lostid", .kind = keyChoice, .offset = AT(lostSilent),
+     .initial = "error", .choices = "error|silence",
+     .help = "what a request on a connection that is gone gets"},
+    {.name = "etherip_extra", .kind = keyChoice, .offset = AT(refuseExtra),
+     .initial = "accept", .choices = "accept|refuse",
+     .help = "bytes behind the data of a write, as some clients send them"},
+    {.name = "etherip_connections", .kind = keyUnsigned, .offset = AT(connections),
+     .min = 1, .max = SIM_EIP_CONNECTIONS, .initial = "32",
+     .help = "how many CIP connections there may be"},
+    {.name = "etherip_size", .kind = keyUnsigned, .offset = AT(size), .max = 4002,
+     .initial = "0", .help = "largest connection in bytes, 0 = what the profile has"},
 #undef AT
 };
 /* clang-format on */
@@ -447,8 +452,8 @@ static int doEtherip(simCall *c)
 }
 
 static const simCommand commands[] = {
-    {"etherip", 0, SIM_MAX_WORDS, doEtherip, 0, "[<word> ...]",
-     "EtherNet/IP: its status; tags, faults and more: etherip help"},
+    {.name = "etherip", .max = SIM_MAX_WORDS, .fn = doEtherip, .usage = "[<word> ...]",
+     .help = "EtherNet/IP: its status; tags, faults and more: etherip help"},
 };
 
 const simServerType simEipServerType = {

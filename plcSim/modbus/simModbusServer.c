@@ -11,12 +11,14 @@
 /* clang-format off */
 static const simKey keys[] = {
 #define AT(member) offsetof(simModbusKeys, member)
-    {"modbus_port", keyOrNone, AT(port), 0, 65535, "off", "off",
-     "Modbus/TCP port, 0 = any free one"},
-    {"modbus_unit", keyOrNone, AT(unit), 0, 255, "1", "any",
-     "unit id that is answered (default 1), or any"},
-    {"modbus_otherunit", keyChoice, AT(gateway), 0, 0, "silence", "silence|exception",
-     "what a request for another unit gets: nothing, or exception 11"},
+    {.name = "modbus_port", .kind = keyOrNone, .offset = AT(port), .max = 65535,
+     .initial = "off", .choices = "off", .help = "Modbus/TCP port, 0 = any free one"},
+    {.name = "modbus_unit", .kind = keyOrNone, .offset = AT(unit), .max = 255,
+     .initial = "1", .choices = "any",
+     .help = "unit id that is answered (default 1), or any"},
+    {.name = "modbus_otherunit", .kind = keyChoice, .offset = AT(gateway),
+     .initial = "silence", .choices = "silence|exception",
+     .help = "what a request for another unit gets: nothing, or exception 11"},
 #undef AT
 };
 /* clang-format on */
@@ -224,8 +226,8 @@ static int doModbus(simCall *c)
 }
 
 static const simCommand commands[] = {
-    {"modbus", 0, SIM_MAX_WORDS, doModbus, 0, "[<word> ...]",
-     "Modbus: its status; faults and more: modbus help"},
+    {.name = "modbus", .max = SIM_MAX_WORDS, .fn = doModbus, .usage = "[<word> ...]",
+     .help = "Modbus: its status; faults and more: modbus help"},
 };
 
 const simServerType simModbusServerType = {
