@@ -1,6 +1,7 @@
 /* What a controller tells of its tags; see eipBrowse.h. */
 #include <stdlib.h>
 
+#include <cantProceed.h>
 #include <epicsString.h>
 
 #include "eipBrowse.h"
@@ -167,9 +168,7 @@ int eipTemplateParse(eipTemplate *t, const epicsUInt8 *bytes, size_t length)
 
     if (t->count > membersMax || (size_t)t->count * 8 > length)
         return -1;
-    t->members = calloc(t->count + 1, sizeof(*t->members));
-    if (!t->members)
-        return -1;
+    t->members = callocMustSucceed(t->count + 1, sizeof(*t->members), "etherip");
     for (i = 0; i < t->count; i++) {
         eipMember *m = &t->members[i];
 

@@ -15,11 +15,10 @@ static void open(bin *b)
     b->count = 0;
 }
 
-/* Several need a head, one alone does not: so the first one of a bin always goes. */
+/* One more beside those that are there; the first one of a bin is not asked for: several need a
+ * head, one alone does not. */
 static int fits(const bin *b, const eipLoad *load, const eipLimits *limits)
 {
-    if (!b->count)
-        return 1;
     if (limits->multiple && b->count >= limits->multiple)
         return 0;
     return b->request + load->request + eipMultipleEach <= limits->room &&

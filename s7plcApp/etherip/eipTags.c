@@ -1,6 +1,7 @@
 /* The tags of one PLC: wishes, and what is known; see eipTags.h. Units: eipUnits.c. */
 #include <stdlib.h>
 
+#include <cantProceed.h>
 #include <epicsStdio.h>
 #include <epicsString.h>
 
@@ -100,13 +101,11 @@ void eipTagSetState(eipTags *t, eipTag *tag, eipTagState state)
     tag->state = state;
 }
 
-int eipTagsSet(eipTags *t, eipWant *wants, unsigned count)
+void eipTagsSet(eipTags *t, eipWant *wants, unsigned count)
 {
-    eipTag *tags = calloc(count + 1, sizeof(*tags)), *old;
+    eipTag *tags = callocMustSucceed(count + 1, sizeof(*tags), "etherip"), *old;
     unsigned n = 0, i;
 
-    if (!tags)
-        return -1;
     if (count)
         qsort(wants, count, sizeof(*wants), byWish);
     t->unknown = 0;
@@ -146,7 +145,6 @@ int eipTagsSet(eipTags *t, eipWant *wants, unsigned count)
     t->wantCount = count;
     t->tags = tags;
     t->tagCount = n;
-    return 0;
 }
 
 void eipTagsForget(eipTags *t)

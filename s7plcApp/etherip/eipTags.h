@@ -112,8 +112,8 @@ void eipTagsInit(eipTags *t);
 void eipTagsFree(eipTags *t);
 
 /* Takes the wishes over (they are allocated, as are their texts). What is known of tags that
- * were there before stays. All units are gone. Returns 0, -1: no memory. */
-int eipTagsSet(eipTags *t, eipWant *wants, unsigned count);
+ * were there before stays. All units are gone. */
+void eipTagsSet(eipTags *t, eipWant *wants, unsigned count);
 
 /* Its state, and with it the number of tags that are new. */
 void eipTagSetState(eipTags *t, eipTag *tag, eipTagState state);

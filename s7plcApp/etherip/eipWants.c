@@ -61,8 +61,7 @@ int eipWantsTake(eipWorker *w)
         }
     epicsMutexMustLock(w->tagsLock);
     w->turn = NULL;
-    if (eipTagsSet(&w->tags, wants, count))
-        cantProceed("etherip: no memory for %u tags\n", count);
+    eipTagsSet(&w->tags, wants, count);
     epicsMutexUnlock(w->tagsLock);
     sortByPlace(w);
     w->browser.stage = w->browser.stage == eipBrowseNot ? eipBrowseNot : eipBrowseProgram;

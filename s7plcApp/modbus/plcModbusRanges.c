@@ -96,7 +96,7 @@ static int refuse(const parser *p, const char *format, ...)
     return -1;
 }
 
-/* Decimal, or hexadecimal with 0x. Returns 0, or -1 when it is no number up to max. */
+/* A word: decimal, or hexadecimal with 0x. Returns 0, or -1 when it is no number up to max. */
 static int parseNumber(span word, unsigned long max, unsigned long *value)
 {
     unsigned base = 10;
@@ -106,8 +106,6 @@ static int parseNumber(span word, unsigned long max, unsigned long *value)
         base = 16;
         i = 2;
     }
-    if (i == word.length)
-        return -1;
     for (*value = 0; i < word.length; i++) {
         char c = word.text[i];
         unsigned digit = c >= '0' && c <= '9'                     ? (unsigned)(c - '0')

@@ -1,6 +1,7 @@
 # The pure parts of plclink with their unit tests, for another machine, by a cross compiler; libCom
-# from the sources of EPICS Base as far as they need it. Called by tests/check/machines, which says
-# TOP, EPICS_BASE (built from source), OUT and CROSS, as powerpc-linux-gnu.
+# from the sources of EPICS Base as far as they need it. Called by tests/check/machines and, for this
+# machine, tests/coverage/mutate, which say TOP, EPICS_BASE (built from source), OUT and CROSS, as
+# powerpc-linux-gnu.
 include $(TOP)/s7plcApp/src/FOLDERS
 include $(TOP)/plcSim/FOLDERS
 
@@ -20,7 +21,9 @@ COM_DIRS = $(wildcard $(addprefix $(LIBCOM)/,bucketLib cvtFast cxxTemplates dbmf
 COM_SRCS = $(wildcard $(addsuffix /*.c,$(COM_DIRS)) $(addsuffix /*.cpp,$(COM_DIRS)))
 # Of files of one name the one for the nearest system counts: VPATH has their order.
 COM_OBJS = $(sort $(addprefix $(OUT)/com/,$(addsuffix .o,$(basename $(notdir $(COM_SRCS))))))
-COM_FLAGS = -g -O1 -w -D_GNU_SOURCE -DUNIX -Dlinux $(addprefix -I,$(OUT)/com \
+# No mutexes with priority inheritance: the kernel looks for their owner's number in the byte order of
+# this machine, and says "no such process" to qemu's; then who waits for one waits for ever.
+COM_FLAGS = -g -O1 -w -DDONT_USE_POSIX_THREAD_PRIORITY_SCHEDULING -D_GNU_SOURCE -DUNIX -Dlinux $(addprefix -I,$(OUT)/com \
     $(LIBCOM)/osi/os/Linux $(LIBCOM)/osi/os/posix $(LIBCOM)/osi/os/default $(COM_DIRS)) \
     $(addprefix -I,$(EPICS_BASE)/include $(EPICS_BASE)/include/os/Linux \
     $(EPICS_BASE)/include/compiler/gcc)
@@ -30,12 +33,13 @@ VPATH = $(LIBCOM)/osi/os/Linux:$(LIBCOM)/osi/os/posix:$(LIBCOM)/osi/os/default \
 
 codecTest = plcCodec
 clockTest = plcClock plcCodec
-linkTest = plcLink plcLinkComplete plcCodec
+linkTest = plcLink plcLinkComplete plcOtherTypes plcCodec
 pointersTest = plcPointers
 statsTest = plcStats
 putsTest = plcPuts
 faultsTest = plcFaults
 
+imageTest = plcImage plcImageOut plcPuts
 readbackTest = plcReadback plcImage plcImageOut plcPuts
 framingTest = framingTestSlip plcFraming
 roleTest = pairRole
@@ -43,11 +47,15 @@ syncTest = plcSync plcCodec
 tablesTest = plcTables plcSync plcPointers plcCodec simConfig simLog simMemory simSignal simValue \
     simTables simTablesRow
 modbusPlanTest = plcModbusPlan plcModbusRanges
+modbusFrameTest = plcModbusFrame plcModbusPlan plcModbusRanges
 eipFrameTest = eipConnect eipSession eipCip eipFrame
-eipTagsTest = eipLink eipName eipPlaces eipPlan eipTags eipUnits eipBrowse eipType eipCip eipFrame
+eipTagsTest = plcFaults eipLink eipName eipPlaces eipPlan eipTags eipUnits eipBrowse eipType eipCip eipFrame
+eipRareTest = eipConnect eipSession eipBrowse eipType eipCip eipFrame
+eipUnitsTest = $(eipTagsTest)
 plcSimTestMemory = simConfig simLog simMemory simSignal simValue
-TESTS = codecTest clockTest linkTest pointersTest statsTest putsTest faultsTest \
+TESTS = imageTest codecTest clockTest linkTest pointersTest statsTest putsTest faultsTest \
     readbackTest framingTest roleTest syncTest tablesTest modbusPlanTest eipFrameTest eipTagsTest \
+    eipRareTest eipUnitsTest modbusFrameTest \
     plcSimTestMemory
 
 all: $(addprefix $(OUT)/,$(TESTS))
@@ -83,4 +91,9 @@ $(OUT)/$(1): $(addprefix $(OUT)/,$(addsuffix .o,$(1) $($(1)))) $(OUT)/libCom.a
 endef
 $(foreach test,$(TESTS),$(eval $(call program,$(test))))
 
+.PHONY: all list parts flags
 list: ; @echo $(TESTS)
+# Each test with the parts that it is linked with
+parts: ; @printf '%s\n' $(foreach test,$(TESTS),'$(test): $($(test))')
+# How one part is compiled
+flags: ; @printf '%s\n' '$(CC) $(CFLAGS) $(CPPFLAGS)'

@@ -237,6 +237,16 @@ static epicsUInt8 *arrange(epicsUInt8 *buffer, const epicsUInt8 *big, unsigned s
     return buffer + 1;
 }
 
+static void testNoRoom(void)
+{
+    char text[6] = "x";
+
+    plcTypeList(plcInteger, 8, text, 0);
+    testOk(text[0] == 'x', "a list of types writes nothing where there is no room");
+    plcTypeList(plcInteger, 8, text, sizeof(text));
+    testOk(strcmp(text, "INT8") == 0, "and whole names only: %s", text);
+}
+
 static void testIntegers(int bigEndian)
 {
     size_t i;
@@ -641,13 +651,14 @@ MAIN(codecTest)
     int order;
 
     testPlan(48 + 1 + 36 + 9 + 15 + 4 * 37 + 4 * 9 + 13 + 5 + 2 * 9 +
-             4 * 3 * (int)WORD_ORDERS + 2 + 14 +
+             4 * 3 * (int)WORD_ORDERS + 2 + 2 + 14 +
              3 * (int)(sizeof(ordered) / sizeof(ordered[0])) + 6);
     testDiag("Names");
     testNames();
     testDiag("Table");
     testTypes();
     testLists();
+    testNoRoom();
     testDiag("Bytes");
     testIntegers(0);
     testIntegers(1);

@@ -826,6 +826,8 @@ static const struct {
     {"@plc a.b[2].c.31",         "a.b[2].c", 0, 0, 0, 0, 31, 0, 0,    eipNoStatistic    },
     {"@plc a[1,2]",              "a[1]",    2,  1, 1, 0, -1, 0, 0,    eipNoStatistic    },
     {"@plc a[1,2,3]",            "a[1,2]",  3,  1, 1, 0, -1, 0, 0,    eipNoStatistic    },
+    {"@plc tag S .0001",         "tag",     0,  0, 0, 0, -1, 0, 0.001, eipNoStatistic   },
+    {"@plc tag S 86401",         NULL,      0,  0, 0, 0, 0,  0, 0,    eipNoStatistic    },
     {"@plc tag S 0",             "tag",     0,  0, 0, 0, -1, 0, 0,    eipNoStatistic    },
     {"@plc 100 S 1",             "100",     0,  0, 0, 0, -1, 0, 1,    eipNoStatistic    },
     {"@plc tag S 10 LIST_TIME",  "tag",     0,  0, 0, 0, -1, 0, 10,   eipListTime       },

@@ -282,11 +282,88 @@ static void testNoInput(void)
     plcFramingDestroy(NULL);
 }
 
+/* A PLC whose blocks had a rhythm, and then come without any pause, in segments of any size. */
+static void testFlood(void)
+{
+    unsigned seed = 99;
+    size_t used;
+    stream s;
+    int i;
+
+    streamOpen(&s, 64, 64);
+    for (i = 0; i < 20; i++)
+        arrive(&s, 64, 10 * MS);
+    arrive(&s, 1, 10 * MS);
+    for (i = 0; i < 45; i++) /* an odd number of bytes is no block */
+        arrive(&s, 2 + next(&seed) % 25 * 2, MS);
+    used = s.used;
+    testOk(used == 20, "no pause any more: whole blocks are held back until all ends (%d used)", (int)used);
+    for (i = 0; i < 200; i++)
+        arrive(&s, 1 + next(&seed) % 50, MS);
+    testOk(plcFramingJudge(s.framing) == plcFramingTrusted && s.wrong == 0 && s.used > used + 60,
+           "after 50 ms they are taken as they come (%d)", (int)(s.used - used));
+    arrive(&s, 64 - s.sent % 64, MS);
+    used = s.used;
+    for (i = 0; i < 20; i++)
+        arrive(&s, 64, 10 * MS);
+    testOk(s.used == used + 20 && s.wrong == 0, "and with pauses again each");
+    arrive(&s, 100, 10 * MS);
+    testOk(s.used == used + 20 && plcFramingCount(s.framing) == 0,
+           "then a block that does not end all is held back again");
+    plcFramingDestroy(s.framing);
+}
+
+static void testNeverTold(void)
+{
+    stream s;
+    int i;
+
+    streamOpen(&s, 64, 1);
+    for (i = 0; i < 14; i++)
+        arrive(&s, 10 + (size_t)i * 3 % 5, 4000 * MS);
+    testOk(plcFramingJudge(s.framing) == plcFramingOpen && s.used == 0,
+           "few bytes now and then tell nothing, and nothing is shown");
+    for (; i < 16; i++)
+        arrive(&s, 10 + (size_t)i * 3 % 5, 4000 * MS);
+    testOk(plcFramingJudge(s.framing) == plcFramingWrong && plcFramingBurst(s.framing) == 0,
+           "for not a minute");
+    plcFramingDestroy(s.framing);
+}
+
+/* What a doubt that must end now is told by. */
+static void testGuess(void)
+{
+    stream s;
+    int i;
+
+    streamOpen(&s, 96, 96);
+    for (i = 0; i < 20; i++)
+        arrive(&s, 96, 1000 * MS);
+    arrive(&s, 40, 1000 * MS);
+    arrive(&s, 40, 1000 * MS);
+    arrive(&s, 40, 5 * MS);
+    testOk(plcFramingJudge(s.framing) == plcFramingDoubt, "40 bytes, and 80 in two bursts: doubt");
+    plcFramingGiveUp(s.framing);
+    testOk(plcFramingJudge(s.framing) == plcFramingWrong && plcFramingBurst(s.framing) == 40,
+           "which is told by the bursts of 40");
+    plcFramingReset(s.framing);
+    s.sent = 0;
+    for (i = 0; i < 20; i++)
+        arrive(&s, 96, 1000 * MS);
+    arrive(&s, 40, 1000 * MS);
+    arrive(&s, 31, 1000 * MS);
+    arrive(&s, 12, 5 * MS);
+    plcFramingGiveUp(s.framing);
+    testOk(plcFramingJudge(s.framing) == plcFramingWrong && plcFramingBurst(s.framing) == 0,
+           "where no two are equal no size is told");
+    plcFramingDestroy(s.framing);
+}
+
 MAIN(framingTest)
 {
     size_t i;
 
-    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 11 + framingSlipTests());
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 11 + 9 + framingSlipTests());
     for (i = 0; i < sizeof(rows) / sizeof(rows[0]); i++)
         testRow(i);
     testRandomPieces();
@@ -295,6 +372,9 @@ MAIN(framingTest)
     testCorrected();
     testBacklog();
     testNoInput();
+    testFlood();
+    testNeverTold();
+    testGuess();
     framingSlips();
     return testDone();
 }

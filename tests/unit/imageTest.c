@@ -718,9 +718,52 @@ static void testBitThreads(void)
     plcImageDestroy(r.out);
 }
 
+/* Puts that leave one by one, and only a part of the image in use. */
+static void testPuts(void)
+{
+    plcImage *image = plcImageCreate(8);
+    epicsTimeStamp stamp = {1, 2};
+    char values[8] = "........", block[8] = "abcdefgh";
+    epicsUInt8 mask[8];
+    epicsUInt64 dropped;
+
+    plcImageUse(image, 4);
+    testOk(plcImageSize(image) == 4, "four bytes of eight are in use");
+    plcImagePublish(image, block, &stamp);
+    testOk(memcmp(plcImageBytes(image), "abcd\0\0", 6) == 0, "and no others are copied");
+    plcImageKeepPuts(image, 10);
+    plcImageUse(image, 6);
+    plcImageAllEdges(image, 1);
+    plcImageWrite(image, 1, 1, "X", NULL, NULL);
+    plcImageWrite(image, 1, 1, "Y", NULL, NULL);
+    testOk(plcImagePutsWaiting(image, values, mask) == 2 && memcmp(mask, "\0\xff\0\0\0\0", 6) == 0 &&
+               values[1] == 'Y' && values[0] == '.',
+           "each value waits, and the newest of them is shown");
+    plcImageTakePuts(image, NULL, NULL, values, mask);
+    plcImageHandOver(image);
+    testOk(values[1] == 'X' && !plcImageDirty(image), "the first leaves");
+    plcImagePutsBack(image);
+    testOk(plcImagePutsWaiting(image, NULL, mask) == 2 && plcImagePutsThrough(image, &dropped) == 0 &&
+               !dropped,
+           "and comes back");
+    plcImageAway(image, 1);
+    testOk(plcImagePutsWaiting(image, NULL, NULL) == 1 && !plcImageDirty(image),
+           "while the PLC is away one of each place waits");
+    plcImageAway(image, 0);
+    testOk(plcImageDirty(image), "back: it wants to leave");
+    plcImageTakePuts(image, NULL, NULL, values, mask);
+    plcImagePutsDone(image);
+    testOk(values[1] == 'Y' && plcImagePutsThrough(image, &dropped) == 2, "it is the newest");
+    plcImageAllEdges(image, 0);
+    plcImageWrite(image, 1, 1, "V", NULL, NULL);
+    plcImageWrite(image, 1, 1, "W", NULL, NULL);
+    testOk(plcImagePutsWaiting(image, NULL, NULL) == 1, "where not each value counts the newest waits");
+    plcImageDestroy(image);
+}
+
 MAIN(imageTest)
 {
-    testPlan(17 + 7 + 13 + 10 + 10 + 3 + 8 + 11 + 4 + 1 + 3 + 1);
+    testPlan(17 + 7 + 13 + 10 + 10 + 3 + 8 + 11 + 4 + 1 + 9 + 3 + 1);
     testDiag("Input");
     testEdges();
     testEdgesSeen();
@@ -734,6 +777,7 @@ MAIN(imageTest)
     testChanges();
     testOwed();
     testModel();
+    testPuts();
     testDiag("Threads");
     testThreads();
     testBitThreads();

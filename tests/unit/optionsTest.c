@@ -284,11 +284,23 @@ static void testManual(void)
     free(manual);
 }
 
+/* What s7plcConfigure may be told, as the options have it. */
+static void testLimits(void)
+{
+    double min = 0, max = 0, initial = -1;
+
+    testOk(plcOptionsLimits("recvTimeout", &min, &max, &initial) == 0 && min == 10 && max == 3600000,
+           "the limits of a number: %g to %g", min, max);
+    testOk(plcOptionsLimits("scan", &min, &max, &initial) == -1 &&
+               plcOptionsLimits("nonsense", &min, &max, &initial) == -1 && min == 10,
+           "of a choice there are none, nor of an unknown key");
+}
+
 MAIN(optionsTest)
 {
     size_t i;
 
-    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 16);
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 18);
     phoenixPairInit();
 #ifdef WITH_MODBUS
     plcOptionsAdd(&plcModbusOptionTable);
@@ -300,5 +312,6 @@ MAIN(optionsTest)
     testOwn();
     testPrint();
     testManual();
+    testLimits();
     return testDone();
 }

@@ -98,11 +98,30 @@ static void badFiles(void)
     }
 }
 
+/* As many rows as there may be, and one more. */
+static void manyRows(void)
+{
+    char text[256 * 40] = "", error[300];
+    plcPointers *t;
+    int i;
+
+    for (i = 0; i < 255; i++)
+        sprintf(text + strlen(text), "tx P#DB10.DBX%d.0 BYTE 1 -> %d\n", i, 16 + i);
+    t = read(text, error, sizeof(error));
+    testOk(t && t->rowsTx == 255 && t->size == 10 + 20 * 255, "255 rows are a table %s", error);
+    plcPointersFree(t);
+    strcat(text, "tx P#M0.0 BYTE 1 -> 300\n");
+    t = read(text, error, sizeof(error));
+    testOk(!t && strstr(error, "line 256: \"tx\"; allowed: 255 rows"), "256 are none: %s", error);
+    plcPointersFree(t);
+}
+
 MAIN(pointersTest)
 {
-    testPlan(5 + 1 + 19);
+    testPlan(5 + 1 + 2 + 19);
     goodFiles();
     longLine();
+    manyRows();
     badFiles();
     return testDone();
 }

@@ -267,17 +267,73 @@ static void behind(void)
     plcPutsDestroy(p);
 }
 
+/* What an image would hold if all that waits had left. */
+static void overlay(void)
+{
+    plcPuts *p = plcPutsCreate(size, 100);
+    epicsUInt8 bytes[3] = "abc";
+
+    testOk(!plcPutsOverlay(p, 0, size, NULL, NULL), "nothing waits anywhere");
+    add(p, 2, "XY", NULL, 0);
+    add(p, 4, "\x0f", "\x05", 1);
+    testOk(plcPutsOverlay(p, 3, 1, NULL, NULL) && !plcPutsOverlay(p, 1, 1, NULL, NULL) &&
+               !plcPutsOverlay(p, 5, 3, NULL, NULL),
+           "bytes for which something waits, and their neighbours");
+    testOk(plcPutsOverlay(p, 4, 1, "\x04", NULL) && !plcPutsOverlay(p, 4, 1, "\x0a", NULL),
+           "of a bit only that bit");
+    testOk(plcPutsOverlay(p, 1, 3, NULL, bytes) && memcmp(bytes, "aXY", 3) == 0,
+           "they are put over what stands there");
+    bytes[0] = 0xf0;
+    testOk(plcPutsOverlay(p, 4, 1, NULL, bytes) && bytes[0] == 0xf5, "bit by bit");
+    add(p, 4, "\x10", "\x01", 1);
+    bytes[0] = 0xf0;
+    testOk(plcPutsOverlay(p, 4, 1, NULL, bytes) && bytes[0] == 0xf4, "the newest counts");
+    plcPutsDestroy(p);
+}
+
+/* Under way when the connection is lost, and while the PLC is away more is put. */
+static void backWhileAway(void)
+{
+    plcPuts *p = plcPutsCreate(size, 100);
+
+    add(p, 1, "A", NULL, 1);
+    add(p, 1, "B", NULL, 1);
+    add(p, 3, "C", NULL, 1);
+    memset(mask, 0, size);
+    plcPutsTake(p, NULL, NULL, values, mask);
+    plcPutsAway(p, 1);
+    plcPutsBack(p);
+    testOk(plcPutsCount(p) == 2, "of each place one put is left");
+    testOk(!strcmp(next(p, NULL, NULL), ".B......") && !strcmp(next(p, NULL, NULL), "...C....") ,
+           "the newest, in the order of the places");
+    plcPutsDestroy(p);
+    p = plcPutsCreate(0, 100);
+    testOk(!plcPutsAhead(p, "", ""), "an image of no bytes has nothing to put again");
+    plcPutsDestroy(p);
+    p = plcPutsCreate(size, 100);
+    add(p, 0, "AB", NULL, 0);
+    add(p, 4, "CD", NULL, 0);
+    plcPutsVoid(p, 2, 2, NULL);
+    testOk(plcPutsCount(p) == 2, "puts beside the bytes that are taken out stay");
+    plcPutsVoid(p, 1, 1, NULL);
+    testOk(!strcmp(next(p, NULL, NULL), "A.......") && !strcmp(next(p, NULL, NULL), "....CD.."),
+           "of one that is half in it the other half stays");
+    plcPutsDestroy(p);
+}
+
 MAIN(putsTest)
 {
     unsigned i;
 
-    testPlan(87);
+    testPlan(87 + 6 + 5);
     order();
     bits();
     numbers();
     reconnect();
     tooMany();
     behind();
+    overlay();
+    backWhileAway();
     for (i = 0; i < 50; i++)
         randomWalk(i);
     return testDone();

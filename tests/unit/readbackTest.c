@@ -243,14 +243,64 @@ static void testMore(void)
     end();
 }
 
+/* Two places share a byte that the PLC changes: the second one finds it changed already. */
+static void testShared(void)
+{
+    static const int first = 0, second = 0;
+
+    begin();
+    plcReadbackAdd(r, &first, 0, 0, 2, NULL);
+    plcReadbackAdd(r, &second, 1, 1, 2, NULL);
+    plcReadbackTake(r, "abc", NULL, out);
+    show("aXc");
+    testOk(held(0) == 'a' && held(1) == 'X' && held(2) == 'c', "both have what the PLC shows");
+    now += STEP;
+    show("aYz");
+    testOk(held(1) == 'Y' && held(2) == 'c', "what is of the second alone waits, as for a put");
+    now += LIMIT;
+    show("aYz");
+    testOk(held(1) == 'Y' && held(2) == 'z', "and follows after that");
+    end();
+}
+
+/* Does the PLC show what we hold? And who keeps no notes. */
+static void testSame(void)
+{
+    static const int whole = 0, bits = 0;
+    static const unsigned char low = 0x0f;
+
+    begin();
+    testOk(plcReadbackSame(r, "xxxx", out), "without places anything is the same");
+    plcReadbackAdd(r, &whole, 1, 0, 2, NULL);
+    plcReadbackAdd(r, &bits, 3, 2, 1, &low);
+    plcReadbackTake(r, "AB3.", NULL, out);
+    testOk(plcReadbackSame(r, "AB3.", out), "what was taken is the same");
+    testOk(plcReadbackSame(r, "ABC.", out) && !plcReadbackSame(r, "AB4.", out),
+           "of bits only these count");
+    testOk(!plcReadbackSame(r, "AX3.", out), "another byte is not");
+    end();
+    begin();
+    plcReadbackNote(r, 0);
+    plcReadbackAdd(r, &whole, 0, 0, 1, NULL);
+    plcReadbackTake(r, "A", NULL, out);
+    putByte(0, 'B', NULL);
+    testOk(plcReadbackWaiting(r) == 0 && held(0) == 'B', "without notes nothing waits, the put is there");
+    plcReadbackNote(r, 1);
+    putByte(0, 'C', NULL);
+    testOk(plcReadbackWaiting(r) == 1 && held(0) == 'C', "with them the place of a put waits");
+    end();
+}
+
 MAIN(readbackTest)
 {
-    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 3 + 4 + 5 + 1 + 3);
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 3 + 4 + 5 + 1 + 3 + 3 + 6);
     testSteps();
     testMasks();
     testOverlap();
     testHidden();
     testNew();
     testMore();
+    testShared();
+    testSame();
     return testDone();
 }

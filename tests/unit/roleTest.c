@@ -7,6 +7,7 @@
  *   F S N        FIRST, SECOND, nobody leads      T t  two PRIMARIES, or not
  *   #n           n switch-overs                   :n   the last one took n ms
  *   ?s ?d ?o     because the old one was silent, disconnected, timed out
+ *   M m          its first block has missed more than two of its blocks, or not
  */
 #include <stdlib.h>
 #include <string.h>
@@ -99,6 +100,14 @@ static const struct {
  /* little is known yet */
     {"one block ever, then the other sends: half of recvTimeout must pass",
      "1@0 2@10 F 2@900 F .@1001 S #1"},
+ /* was there a gap? */
+    {"an orderly switch-over misses no block",
+     "m 1@0 1@100 1@200 1@300 2@310 .@408 S m"},
+    {"one after more than two periods of silence does",
+     "1@0 1@100 1@200 2@700 .@700 S #1 :500 M"},
+    {"one block late is no gap yet", "1@0 1@100 1@200 2@400 .@400 S :200 m"},
+    {"the end of a connection is told in another way", "1@0 1@100 -1@120 N 2@900 S ?d :800 m"},
+    {"one block of each: half of recvTimeout must pass", "1@0 2@10 .@999 F .@1000 S #1 :1000 ?s"},
     {"a period is known of the other only: that counts",
      "1@0 2@10 2@60 2@110 .@9000 S #1"                                                                                                                                           },
 };
@@ -157,6 +166,10 @@ static int isTrue(const teller *t, const char *word)
         return r->duration / MS == (unsigned)atoi(word + 1);
     case '?':
         return reasons[r->reason] == word[1];
+    case 'M':
+        return pairRoleMissed(r);
+    case 'm':
+        return !pairRoleMissed(r);
     }
     return 0;
 }
@@ -290,14 +303,19 @@ MAIN(roleTest)
 {
     const size_t n = sizeof(stories) / sizeof(stories[0]);
     const char *wrong;
+    teller t;
     size_t i;
 
-    testPlan((int)n + 2);
+    testPlan((int)n + 3);
     for (i = 0; i < n; i++) {
         wrong = untrue(stories[i].story);
         testOk(!wrong, "%s%s%s", stories[i].sentence, wrong ? "; not true: " : "",
                wrong ? wrong : "");
     }
+    begin(&t);
+    t.now += 9000 * MS;
+    tell(&t, plcEventTick, 0);
+    testOk(t.role.leader == pairNobody && !t.wake, "a tick while nobody leads makes no leader");
     exploreFrom("from the start", 0);
     exploreFrom("after FIRST has led for a while", 9);
     return testDone();

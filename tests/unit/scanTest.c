@@ -852,6 +852,17 @@ static void testMany(void)
         waitPasses(&many, (int)i + 1);
     }
     testOk(passesOf(&many) == 10, "a change in one of them makes a pass");
+    memset(after, 7, sizeof(after));
+    plcScanRequestChanged(many.scan, before, after);
+    testOk(waitPasses(&many, 11), "so does a change in each of them");
+    memcpy(before, after, sizeof(before));
+    plcScanUse(many.scan, MANY);
+    after[MANY] ^= 1;
+    testOk(plcScanRequestChanged(many.scan, before, after) == 0 && !plcScanBusy(many.scan),
+           "of a block that has become shorter the rest never changes");
+    after[MANY - 1] ^= 1;
+    plcScanRequestChanged(many.scan, before, after);
+    testOk(waitPasses(&many, 12), "its last byte does");
     waitQueue(priorityLow);
     waitQueue(priorityMedium);
     waitQueue(priorityHigh);
@@ -915,7 +926,7 @@ static void stopIoc(void)
 
 MAIN(scanTest)
 {
-    testPlan(2 + 2 + 8 + 8 + 17 + 9 + 9 + 2 + 24 + 17 + 10 + 1 + 13 + 8 + 3 + 3 + 4 + 1);
+    testPlan(2 + 2 + 8 + 8 + 17 + 9 + 9 + 2 + 24 + 17 + 10 + 1 + 13 + 8 + 3 + 3 + 7 + 1);
     startIoc();
     testBeforeInit();
     eltc(0); /* no messages of full queues */

@@ -452,13 +452,45 @@ static void walk(int depth)
     free(queue);
 }
 
+/* Another table of pointers: no block counts until the PLC has ours. */
+static void tables(void)
+{
+    static const unsigned char remote[] = {2, 0, 0, 0}, local[] = {0, 0, 0, 0};
+    plcSync s;
+
+    plcSyncInit(&s, 7);
+    plcSyncMap(&s, remote, 1);
+    testOk(s.state == plcSyncDisconnected, "a table of pointers makes no connection");
+    plcSyncConnected(&s);
+    s.asked = 1;
+    plcSyncMap(&s, remote, 0);
+    testOk(s.state == plcSyncMapMismatch && !s.asked && *plcSyncReason(s.state) && !plcSyncMaySend(&s) &&
+               s.flags == 2,
+           "another table, and nothing is done about it: no put passes, nothing is sent");
+    plcSyncMap(&s, local, 1);
+    testOk(s.state == plcSyncMapDownload && *plcSyncReason(s.state) && plcSyncMaySend(&s) && s.flags == 0,
+           "it gets ours: parts of it are sent, no put passes");
+    testOk(strcmp(plcSyncReason(plcSyncMapMismatch), "PLC has another table of pointers") == 0 &&
+               strcmp(plcSyncReason(plcSyncMapDownload), "PLC is getting its table of pointers") == 0 &&
+               strcmp(plcSyncReason(plcSyncLayoutMismatch), "layout ids of PLC and IOC differ") == 0 &&
+               strcmp(plcSyncReason(plcSyncLocal), "PLC in LOCAL") == 0 &&
+               strcmp(plcSyncReason(plcSyncSynced), "") == 0,
+           "what a refused put is told, by the state");
+    testOk(strcmp(plcSyncStateName(plcSyncMapDownload), "map download") == 0 &&
+               strcmp(plcSyncStateName(plcSyncDisconnected), "disconnected") == 0 &&
+               strcmp(plcSyncStateName(-1), "?") == 0 &&
+               strcmp(plcSyncStateName(plcSyncMapDownload + 1), "?") == 0,
+           "states have names, and no others have");
+}
+
 MAIN(syncTest)
 {
     (void)argc;
     (void)argv;
-    testPlan(ROWS + 7 + 3);
+    testPlan(ROWS + 7 + 5 + 3);
     transitions();
     headers();
+    tables();
     walk(14);
     return testDone();
 }

@@ -83,6 +83,7 @@ static const struct {
     {"the last part is there: COMMIT",       plcMapDownload, plcTablesLoading, 60, {10, 1, 1, 0, 0, 0, 70, 6, 4}, 0, plcTablesCommitting, plcTablesCommit, "x"},
     {"a part went astray: anew",             plcMapDownload, plcTablesLoading, 20, {10, 1, 1, 0, 0, 0, 33, 6, 4}, 0, plcTablesBeginning, plcTablesBegin, "table is being downloaded"},
     {"a part is refused",                    plcMapDownload, plcTablesLoading, 20, {10, 1, 4, 21, 0, 0, 20, 6, 4}, 0, plcTablesRefused, 0, "a part is missing"},
+    {"a part is refused for a reason that is not known", plcMapDownload, plcTablesLoading, 20, {10, 1, 4, 77, 0, 0, 20, 6, 4}, 0, plcTablesRefused, 0, "unknown error"},
     {"COMMIT came when it had dropped it: anew", plcMapDownload, plcTablesCommitting, 70, {10, 1, 4, 20, 0, 0, 70, 6, 4}, 0, plcTablesBeginning, plcTablesBegin, "table is being downloaded"},
     {"the same, and it is locked: waits",    plcMapDownload, plcTablesCommitting, 70, {10, 1, 4, 20, 0, 0, 70, 6, 0}, 0, plcTablesMismatch, 0, "another table; the PLC's are locked"},
     {"another one's session: anew",          plcMapDownload, plcTablesLoading, 20, {10, 1, 1, 0, 0, 0, 0, 9, 4}, 0, plcTablesBeginning, plcTablesBegin, "table is being downloaded"},
@@ -603,12 +604,31 @@ static void arithmetic(void)
     plcPointersFree(table);
 }
 
+static void words(void)
+{
+    plcTables t;
+    epicsUInt8 block[IN];
+    shown s = {10, 1, 3, 0, 0, 0, 0, 5, 4};
+
+    testOk(strcmp(plcTablesStateName(plcTablesEqual), "equal") == 0 &&
+               strcmp(plcTablesStateName(plcTablesRefused), "refused") == 0 &&
+               strcmp(plcTablesStateName(-1), "?") == 0 &&
+               strcmp(plcTablesStateName(plcTablesRefused + 1), "?") == 0,
+           "states have names, and no others have");
+    plcTablesInit(&t, plcMapDownload, NULL, 0, 32);
+    plcTablesConnected(&t);
+    statusBlock(block, &s);
+    testOk(!plcTablesBlock(&t, block, 1) && t.state == plcTablesMismatch &&
+               strcmp(t.reason, "the IOC has no table: s7plcTables") == 0,
+           "without a table of its own the IOC brings none: %s", t.reason);
+}
+
 MAIN(tablesTest)
 {
     char error[300];
     plcPointers *table;
 
-    testPlan(EVENTS + 7 + 3 + 4 + 2);
+    testPlan(EVENTS + 7 + 3 + 4 + 2 + 2);
     table = read(goodFile, error, sizeof(error));
     ours = table->bytes;
     ourSize = table->size;
@@ -617,6 +637,7 @@ MAIN(tablesTest)
     noAnswer();
     walk(argc > 1 ? atoi(argv[1]) : 7, 400000);
     arithmetic();
+    words();
     plcPointersFree(table);
     return testDone();
 }
