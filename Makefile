@@ -9,7 +9,7 @@ ifneq ($(words $(CURDIR)),1)
 endif
 
 .PHONY: help demo demo-redundant demo-sync demo-asyn demo-modbus demo-tables demo-etherip demo-map test check-all \
-    soak bench docs displays fuzz
+    soak bench docs displays fuzz coverage mutants
 
 HELP = "make                 build (needs EPICS_BASE, see configure/RELEASE)" \
     "make rebuild         clean, then build: after an update of the sources" \
@@ -28,6 +28,8 @@ HELP = "make                 build (needs EPICS_BASE, see configure/RELEASE)" \
     "make soak            random faults on every transport for ten minutes, a report (DURATION= SEED=)" \
     "make bench           speed" \
     "make fuzz            all parsers with random bytes; MINUTES=<n> for each, default 0.2" \
+    "make coverage        which lines and branches the tests run (SYSTEM=1: the system tests too)" \
+    "make mutants         do the unit tests notice small mistakes? (SEED= COUNT=100)" \
     "make displays        pictures of the displays, by PyDM; PHOEBUS=<folder>: by Phoebus" \
     "make docs            the documents as a site in docs/O.site; each warning is an error" \
     "The demos, test, bench and docs bring all they need on Debian, an EPICS Base too."
@@ -39,7 +41,7 @@ ifneq ($(filter help,$(MAKECMDGOALS)),)
   help: ; @printf '%s\n' $(HELP)
 else ifneq ($(filter docs,$(MAKECMDGOALS)),)
   docs: ; @docs/build
-else ifneq ($(filter demo demo-% test check-all soak bench displays fuzz,$(MAKECMDGOALS)),)
+else ifneq ($(filter demo demo-% test check-all soak bench displays fuzz coverage mutants,$(MAKECMDGOALS)),)
   ifneq ($(origin EPICS_BASE),file)
     # GNU make makes this included file when it is missing, then reads it and goes on.
     include configure/RELEASE.local
@@ -62,6 +64,8 @@ else ifneq ($(filter demo demo-% test check-all soak bench displays fuzz,$(MAKEC
   bench: ; @+$(BUILD) && exec tests/bench/run
   displays: ; @+$(BUILD) && exec tests/displays/run
   fuzz: ; @tests/fuzz/run $(addprefix -m ,$(MINUTES))
+  coverage: ; @tests/coverage/run $(if $(SYSTEM),--system)
+  mutants: ; @tests/coverage/mutate $(addprefix --seed ,$(SEED)) $(addprefix --count ,$(COUNT))
 else ifneq ($(filter rebuild,$(MAKECMDGOALS)),)
   # Compiled files remember the headers they were made from by name: after an update that
   # has moved or removed one, make stops with "No rule to make target".

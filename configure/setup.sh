@@ -10,6 +10,7 @@
 #   configure/setup.sh docs    the same of the tools for the documents
 #   configure/setup.sh fuzz    what tests/fuzz/run needs: clang with libFuzzer
 #   configure/setup.sh machines  what tests/check/machines needs: cross compilers and qemu
+#   configure/setup.sh coverage  the same of what tests/coverage needs
 #   configure/setup.sh displays  the same for pictures of displays (tests/displays/run)
 #
 # Debian 12 and 13. What is there already is used; nothing is downloaded twice. Everything
@@ -180,6 +181,11 @@ fuzz() {
     packages build-essential python3 libmodbus-dev clang llvm libclang-rt-dev
 }
 
+coverage() {
+    packages build-essential python3-venv
+    environment coverage tests/coverage/requirements.txt
+}
+
 machines() {
     packages build-essential qemu-user-static g++-powerpc-linux-gnu g++-s390x-linux-gnu \
         g++-arm-linux-gnueabihf
@@ -194,7 +200,8 @@ case ${1:-} in
     release) write_release "$EPICS_BASE" ;;
     python) python ;;
     check) check ;;
+    coverage) coverage ;;
     docs) documents ;;
     displays) displays ;;
-    *) die "usage: configure/setup.sh base|map|named|release|python|check|docs|fuzz|machines|displays" ;;
+    *) die "usage: configure/setup.sh base|map|named|release|python|check|coverage|docs|fuzz|machines|displays" ;;
 esac
