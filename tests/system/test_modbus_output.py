@@ -1,11 +1,15 @@
 """Blocks in, Modbus out (s7plcModbusOutput): what leaves, when, and whom a refusal concerns."""
+import os
 import random
+import re
 import struct
+import subprocess
 import time
 
 import epics
 import pytest
 
+from client import TOP
 from ioc import errors_in
 from waiting import until, until_equal
 
@@ -1061,3 +1065,14 @@ def test_silent_server_does_not_chatter(new_modbus, new_ioc):
     ioc.put("o", 5)
     until_equal(lambda: plc.holding[0], 5)
     ioc.wait_alarm("o", "NO_ALARM")
+
+
+def test_demo():
+    """make demo-modbus ends by itself: values are acknowledged, a refusal is shown where it belongs"""
+    env = {k: v for k, v in os.environ.items() if not k.startswith("EPICS_C")}
+    run = subprocess.run([str(TOP / "iocBoot/iocModbus/demo")], stdin=subprocess.DEVNULL, env=env,
+                         capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert re.search(r"Speed 9999 +33.25 +33.25 +9999 +100  PLC: exception 3, illegal data value", run.stdout)
+    assert re.search(r"caput Force 12.5: nobody else is hurt +12.5 +12.5 +9999 +100  NO_ALARM", run.stdout)
+    assert run.stdout.endswith("demo ok\n"), run.stdout

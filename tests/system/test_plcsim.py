@@ -428,3 +428,52 @@ def test_folders():
                         (to != folder and {to, folder} <= servers):
                     wrong.append(f"{folder}/{file.name} includes {to}/{name}")
     assert servers == {"block", "modbus", "etherip"} and not wrong, wrong
+
+
+def test_received_limit(new_sim, connect):
+    """Of the blocks that were received the last 1000 are kept, 1 MiB of large ones"""
+    for size, kept in ((16, 1000), (4096, 256)):
+        sim = new_sim(f"in = 16\nout = {size}\nperiod = 10 ms\n")
+        client = connect(sim.port, size=16)
+        for number in range(kept + 20):
+            client.write(number.to_bytes(4, "big") + bytes(size - 4))
+        until(lambda: f"received: {kept + 20} blocks" in sim.command("status"),  # noqa: B023
+              lambda: sim.command("status"))  # noqa: B023
+        lines = sim.command("received 5000").splitlines()[1:]
+        assert len(lines) == kept
+        assert lines[0].split()[0] == "21" and lines[-1].split()[0] == str(kept + 20)
+
+
+def test_quiet(new_sim, connect):
+    """With -q nothing is printed but where it listens"""
+    sim = new_sim(PLAIN, "-q")
+    connect(sim.port).read()
+    sim.command("silence on")
+    sim.command("restart cold")
+    assert sim.lines and all(" on " in line for line in sim.lines), sim.lines
+
+
+def test_deaf_stdout(tmp_path, connect, closing):
+    """When nobody reads its stdout, it drops lines and goes on"""
+    file, path = tmp_path / "deaf.plc", tmp_path / "deaf.sock"
+    file.write_text(PLAIN)
+    sim = subprocess.Popen([PROGRAM, "-n", "-p", "0", "-c", path, file], stdin=subprocess.DEVNULL,
+                           stdout=subprocess.PIPE, text=True)
+    closing(sim.stdout)
+    try:
+        port = int(re.search(r":(\d+)$", sim.stdout.readline())[1])
+        until(path.exists)
+        with socket.socket(socket.AF_UNIX) as console:
+            console.connect(str(path))
+            answers = console.makefile("r")
+            for _ in range(3000):  # far more than a pipe holds
+                console.sendall(b"silence on\nsilence off\n")
+                assert answers.readline() == answers.readline() == "ok\n"
+        client = connect(port)
+        first = struct.unpack_from(">I", client.read())[0]
+        assert struct.unpack_from(">I", client.read())[0] == first + 1
+    finally:
+        sim.terminate()
+    rest = sim.stdout.read()
+    assert sim.wait(LIMIT) == 0
+    assert re.search(r"plcSim: \d+ lines dropped here", rest), rest[-500:]
