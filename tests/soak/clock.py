@@ -1,5 +1,6 @@
 """Builds clockstep.so, by which the time of day of an IOC can be made to jump."""
 import os
+import re
 import subprocess
 from pathlib import Path
 
@@ -11,3 +12,11 @@ def build(folder):
     done = subprocess.run(words, capture_output=True, text=True)
     if done.returncode:
         print(f"soak: the clock does not jump: {done.stderr.strip()}")
+
+
+def environment(folder, program, file):
+    """For that program: the time of day is the machine's and as many ns more as the file says. The libraries of
+    a sanitizer must come first."""
+    needs = subprocess.run(["ldd", program], capture_output=True, text=True).stdout
+    first = re.findall(r"=> (\S+/lib[atu]b*san\S*)", needs)
+    return {**os.environ, "LD_PRELOAD": " ".join([*first, str(folder / "clockstep.so")]), "SOAK_CLOCK": str(file)}

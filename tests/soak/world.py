@@ -16,7 +16,7 @@ import epics  # noqa: E402
 from ioc import Ioc  # noqa: E402
 from sim import Sim  # noqa: E402
 
-from . import judge, plan, pva, wire  # noqa: E402
+from . import clock, judge, plan, pva, wire  # noqa: E402
 from .plan import Fault  # noqa: E402
 
 warnings.filterwarnings("ignore", "ca.get", UserWarning)  # what took too long is asked again, and judged
@@ -199,9 +199,9 @@ class World:
         self.log("IOC " + " | ".join(lines.splitlines()))
         self.clock_file.write_bytes(bytes(8))
         env = None
-        library = self.directory.parent / "clockstep.so"
-        if library.exists():
-            env = {**os.environ, "LD_PRELOAD": str(library), "SOAK_CLOCK": str(self.clock_file)}
+        if (self.directory.parent / "clockstep.so").exists():
+            env = clock.environment(self.directory.parent, client.TOP / "bin" / client.ARCH / self.PROGRAM,
+                                    self.clock_file)
         self.ioc = Ioc(self.directory, lines, self.database(), program=self.PROGRAM, env=env)
         with self.lock:
             self.inputs.forget()

@@ -174,7 +174,9 @@ class Handler(ServerRequestHandler):
                 self.refuse(peer.unit_code)
             return
         while not peer.answering.is_set():
+            peer.held = True
             await asyncio.sleep(0.001)  # the pace of the looks
+        peer.held = False
         if peer.delay:
             await asyncio.sleep(peer.delay)  # a PLC this slow
         if self.ended:
@@ -292,6 +294,7 @@ class ModbusPeer:
         self.answers = 0
         self.rules = []
         self.silent = False
+        self.held = False  # a request waits for `answering`
         self.delay = 0  # s, before each answer
         self.answering = threading.Event()  # while clear, answers wait
         self.answering.set()

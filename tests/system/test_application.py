@@ -7,7 +7,7 @@ import pytest
 
 from client import BASE, TOP
 
-pytestmark = pytest.mark.usefixtures("need_plain_build")
+pytestmark = pytest.mark.usefixtures("no_sanitizer")
 
 MAKEFILE = """\
 TOP = {top}

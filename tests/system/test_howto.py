@@ -50,7 +50,7 @@ s7plcReport M 1
 """
 
 
-@pytest.mark.usefixtures("need_plain_build")
+@pytest.mark.usefixtures("no_sanitizer")
 @pytest.mark.parametrize("static", [False, True], ids=["shared", "static"])
 def test_application(tmp_path, static):
     """an application made as the how-to says has all wires, the records and the release ({id})"""

@@ -99,8 +99,7 @@ def put_together(station, values):
     plc, ioc = station.plc, station.ioc
     ioc.connect([*values, *(name + ".SEVR" for name in values)])
     plc.answering.clear()
-    begin = plc.mark()
-    until(lambda: plc.mark() > begin or plc.handlers[-1].pending, "a request on its way")
+    until(lambda: plc.held, "a request on its way")
     for name, value in values.items():
         ioc.put(name, value)
     plc.answering.set()
@@ -950,8 +949,7 @@ def test_pulse(new_station):
     s = new_station(bits(2), *OFTEN)
     plc, ioc = s.plc, s.ioc
     plc.answering.clear()
-    begin = plc.mark()
-    until(lambda: plc.mark() > begin or plc.handlers[-1].pending, "a request on its way")
+    until(lambda: plc.held, "a request on its way")
     for value in (1, 0, 1, 0):
         ioc.put("b1", value)
     plc.answering.set()
@@ -964,8 +962,7 @@ def test_writes_all(new_station):
     s = new_station(words(2), "writes all", *OFTEN)
     plc, ioc = s.plc, s.ioc
     plc.answering.clear()
-    begin = plc.mark()
-    until(lambda: plc.mark() > begin or plc.handlers[-1].pending, "a request on its way")
+    until(lambda: plc.held, "a request on its way")
     for value in range(5):
         ioc.put("o1", 100 + value)
     plc.answering.set()
@@ -978,8 +975,7 @@ def test_completion(new_station):
     plc, ioc = s.plc, s.ioc
     ioc.connect(["o0", "o0.PACT"])
     plc.answering.clear()
-    begin = plc.mark()
-    until(lambda: plc.mark() > begin or plc.handlers[-1].pending, "a request on its way")
+    until(lambda: plc.held, "a request on its way")
     done = ioc.put_callback("o0", 77)
     until_equal(lambda: ioc.get("o0.PACT"), 1)
     assert not done.is_set() and s.register(0) == 0
@@ -1004,8 +1000,7 @@ def test_completion_second(new_station):
     plc, ioc = s.plc, s.ioc
     for value in range(10, 30, 2):
         plc.answering.clear()
-        begin = plc.mark()
-        until(lambda: plc.mark() > begin or plc.handlers[-1].pending, "a request on its way")
+        until(lambda: plc.held, "a request on its way")
         first = ioc.put_callback("o0", value)
         second = ioc.put_callback("o0", value + 1)
         plc.answering.set()
@@ -1035,8 +1030,7 @@ def test_completion_link(new_station):
     plc, ioc = s.plc, s.ioc
     ioc.connect(["o0", "o0.PACT"])
     plc.answering.clear()
-    begin = plc.mark()
-    until(lambda: plc.mark() > begin or plc.handlers[-1].pending, "a request on its way")
+    until(lambda: plc.held, "a request on its way")
     done = ioc.put_callback("o0", 77)
     until_equal(lambda: ioc.get("o0.PACT"), 1)
     ioc.put("o0.OUT", "@PLC/20", wait=False)  # with wait CA itself waits for the record

@@ -349,7 +349,7 @@ def waits_at_exit(new_modbus, new_ioc, puts):
     return resource.getrusage(resource.RUSAGE_CHILDREN).ru_nvcsw - reaped - before
 
 
-def test_exit_waits(new_modbus, new_ioc):
+def test_exit_waits(new_modbus, new_ioc, no_sanitizer):
     """at exit the IOC does not wait once for each put that is not answered"""
     few, many = waits_at_exit(new_modbus, new_ioc, 10), waits_at_exit(new_modbus, new_ioc, 1000)
     print(f"waits at exit: {few} with 10 puts, {many} with 1000")

@@ -426,7 +426,7 @@ def test_many(new_ioc, closing):
     many = Many(100, blocks)
     closing(many)
     configure = "\n".join(
-        f's7plcConfigure("PLC{n}", "127.0.0.1", {port}, 400, 4, 1, 2000, 100)'
+        f's7plcConfigure("PLC{n}", "127.0.0.1", {port}, 400, 4, 1, 60000, 100)'
         for n, port in enumerate(many.ports))
     db = "".join(
         f'record(longin, "$(P)s{n}r{r}") {{ field(DTYP, "S7plc") field(SCAN, "I/O Intr") '
