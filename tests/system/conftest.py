@@ -117,7 +117,7 @@ def black_hole(closing):
 
 @pytest.fixture
 def no_sanitizer():
-    """Skips the test under a sanitizer: it links what has none, or counts what a sanitizer does, too."""
+    """Skips the test under a sanitizer: it builds what has none, or counts what a sanitizer does, too."""
     if os.environ.get("SANITIZE"):
         pytest.skip("not under a sanitizer")
 

@@ -95,7 +95,7 @@ def test_without_asyn(built):
                          "ASYN is not set in configure/RELEASE.local"], run.stdout
 
 
-def test_without_modbus(tmp_path):
+def test_without_modbus(tmp_path, no_sanitizer):
     """a build without libmodbus says so in one line, and its IOC knows no Modbus"""
     tree = tmp_path / "tree"
     shutil.copytree(TOP, tree, ignore=shutil.ignore_patterns(
@@ -116,7 +116,7 @@ def test_without_modbus(tmp_path):
     assert "modbus" not in (tree / "dbd/s7plcIoc.dbd").read_text()
 
 
-def test_install_location(tmp_path, built):
+def test_install_location(tmp_path, built, no_sanitizer):
     """with INSTALL_LOCATION documents and examples are there; an example and an application start"""
     there = tmp_path / "there"
     run = make(built, "-s", "-j2", f"INSTALL_LOCATION={there}")
