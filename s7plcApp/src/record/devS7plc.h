@@ -62,7 +62,6 @@ typedef struct devRecord {
     size_t length;       /* bytes of the whole value */
     int order;           /* of its bytes: plcCodec.h */
     unsigned has;    /* options that stood in the link: plcHasT | ... */
-    int lost;        /* an input that has processed since its PLC was lost */
     unsigned in;     /* bits of devListKind: the lists that it is in; looked at for each value
                         that is read, and so in the lines that a pass fetches ahead */
     int buffered;    /* prepare sets this: make a buffer */
@@ -77,6 +76,7 @@ typedef struct devRecord {
     devMember member[devListKinds];
     plcOwner owner; /* its place, for people; in a list while `listed` */
     int listed;
+    int lost; /* an input with I/O Intr that has processed since its PLC was lost */
     epicsUInt8 *buffer; /* strings, arrays: `length` bytes in wire order, else NULL */
     /* outputs with a read-back */
     epicsUInt8 *shown; /* the bytes that VAL shows now, NULL: no read-back */

@@ -36,9 +36,10 @@ PLC_HOT long devFetch(dbCommon *prec, void *bytes)
 
     if (!dev)
         return -1;
-    dev->lost = 0;
-    if (devIsIn(dev, devSilent))
+    if (devIsIn(dev, devSilent)) {
         devListLeave(dev, devSilent);
+        dev->lost = 0;
+    }
     if (plcImageRead(dev->image, dev->offset, dev->length, bytes,
                      prec->tse == epicsTimeEventDeviceTime ? &prec->time : NULL) == 0)
         return dev->faults ? devUnread(prec, dev) : 0;
