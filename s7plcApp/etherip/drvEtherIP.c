@@ -13,8 +13,8 @@
 #include <iocsh.h>
 
 #include "drvEtherIP.h"
-#include "eipClient.h"
 #include "eipPlc.h"
+#include "eipQuestions.h"
 #include "plcComplete.h"
 #include "plcConfigure.h"
 #include "plcDriver.h"
@@ -290,72 +290,14 @@ void drvEtherIP_help(void)
 
 /* --- Questions with a connection of their own ------------------------------------------------- */
 
-static int complain(const char *name, const char *why)
-{
-    errlogSevPrintf(errlogMajor, "EtherIP %s: %s\n", name, why);
-    return -1;
-}
-
-/* What is to be asked. */
-typedef struct question {
-    const char *plc, *pattern, *name; /* name: of a type or tag, to be described */
-    int type, status, asked;
-} question;
-
-static int askPlc(eipPlc *plc, const question *q)
-{
-    eipClient *c = eipClientCreate(&plc->connect, (unsigned)timeoutMs());
-    char address[300];
-    int status;
-
-    if (!c)
-        return complain(plc->name, "no memory");
-    plcStationAddress(plc->station, address, sizeof(address));
-    printf("%s:\n", plc->name);
-    status = eipClientOpen(c, address);
-    if (!status)
-        status = q->name        ? eipClientDescribe(c, q->name, stdout)
-                 : q->type >= 0 ? eipClientPrintTemplate(c, (unsigned)q->type, stdout)
-                                : eipClientPrintList(c, q->pattern, stdout);
-    if (status)
-        complain(plc->name, c->why);
-    eipClientDestroy(c);
-    return status;
-}
-
-static void askEach(eipPlc *plc, void *arg)
-{
-    question *q = arg;
-
-    if (q->plc && *q->plc && strcmp(q->plc, plc->name))
-        return;
-    q->asked = 1;
-    q->status |= askPlc(plc, q);
-}
-
-/* Asks the PLC of this name, or all. Returns 0; or -1 after an error line. */
-static int ask(const char *command, question *q)
-{
-    eipPlcEach(askEach, q);
-    if (q->plc && *q->plc && !q->asked) {
-        errlogSevPrintf(errlogMajor, "%s: no PLC \"%.60s\"\n", command, q->plc);
-        return -1;
-    }
-    return q->status;
-}
-
 int drvEtherIP_list(const char *PLC, const char *pattern)
 {
-    question q = {PLC, pattern, NULL, -1, 0, 0};
-
-    return ask("drvEtherIP_list", &q);
+    return eipQuestionList("drvEtherIP_list", PLC, pattern, (unsigned)timeoutMs());
 }
 
 int drvEtherIP_describe(const char *PLC, int type)
 {
-    question q = {PLC, NULL, NULL, type, 0, 0};
-
-    return ask("drvEtherIP_describe", &q);
+    return eipQuestionDescribe("drvEtherIP_describe", PLC, NULL, type, (unsigned)timeoutMs());
 }
 
 int drvEtherIP_read_tag(const char *ip, int slot, const char *tag, int elements, int timeout)
@@ -363,34 +305,17 @@ int drvEtherIP_read_tag(const char *ip, int slot, const char *tag, int elements,
     eipConnectOptions options = {.size = eipSizeLarge, .room = eipUnconnectedRoom,
                                  .connected = 1};
     char text[20];
-    eipClient *c;
-    eipValue value = {.bytes = NULL};
-    int status;
 
     epicsSnprintf(text, sizeof(text), "%d", slot);
-    if (!ip || !tag)
-        return complain("drvEtherIP_read_tag", "needs ip, slot, tag [, elements, timeout ms]");
+    if (!ip || !tag) {
+        errlogSevPrintf(errlogMajor, "EtherIP drvEtherIP_read_tag: needs ip, slot, tag [, elements, "
+                        "timeout ms]\n");
+        return -1;
+    }
     if (routeOf("drvEtherIP_read_tag", ip, text, &options.route))
         return -1;
     options.timeout = timeout > 0 ? (unsigned)timeout : (unsigned)timeoutMs();
-    c = eipClientCreate(&options, options.timeout);
-    if (!c)
-        return complain(ip, "no memory");
-    status = eipValueInit(c, &value, tag);
-    if (!status)
-        status = eipClientOpen(c, ip);
-    if (!status)
-        status = eipClientRead(c, &value, elements > 0 ? (unsigned)elements : 1);
-    if (status) {
-        complain(tag, c->why);
-    } else {
-        printf("%s=", tag);
-        eipValuePrint(c, &value, stdout);
-        printf("\n");
-    }
-    eipValueFree(&value);
-    eipClientDestroy(c);
-    return status;
+    return eipQuestionRead(ip, &options, tag, elements > 0 ? (unsigned)elements : 1);
 }
 
 /* --- iocsh ------------------------------------------------------------------------------------ */
@@ -530,18 +455,18 @@ static void listCall(const iocshArgBuf *args)
 static void describeCall(const iocshArgBuf *args)
 {
     const char *text = args[1].sval ? args[1].sval : args[0].sval;
-    question q = {args[1].sval ? args[0].sval : NULL, NULL, text, -1, 0, 0};
+    const char *plc = args[1].sval ? args[0].sval : NULL;
     epicsInt32 type = 1;
+    int isNumber = text && epicsParseInt32(text, &type, 0, NULL) == 0;
 
-    if (text && epicsParseInt32(text, &type, 0, NULL) == 0)
-        q.name = NULL;
     if (!text || !*text || type < 1 || type > 4095) {
-        iocshSetError(complain("drvEtherIP_describe", "needs [PLC,] type or tag; allowed: 1 to 4095, "
-                               "or the name of a type or tag"));
+        errlogSevPrintf(errlogMajor, "EtherIP drvEtherIP_describe: needs [PLC,] type or tag; allowed: "
+                        "1 to 4095, or the name of a type or tag\n");
+        iocshSetError(-1);
         return;
     }
-    q.type = type;
-    iocshSetError(ask("drvEtherIP_describe", &q));
+    iocshSetError(eipQuestionDescribe("drvEtherIP_describe", plc, isNumber ? NULL : text, type,
+                                      (unsigned)timeoutMs()));
 }
 
 static void resetCall(const iocshArgBuf *args)

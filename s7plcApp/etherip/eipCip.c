@@ -62,6 +62,14 @@ static void putPort(eipWriter *w, long port, const char *link, size_t length)
         eipPut8(w, 0);
 }
 
+/* A number that a link may be; others are no text of an address either. */
+static int isLink(const char *text, size_t length)
+{
+    long number = routeNumber(text, length);
+
+    return number >= 0 && number <= 255;
+}
+
 int eipRouteParse(const char *text, eipRoute *route, char *error, size_t size)
 {
     eipWriter w = eipWriterOf(route->bytes, sizeof(route->bytes));
@@ -79,7 +87,8 @@ int eipRouteParse(const char *text, eipRoute *route, char *error, size_t size)
             return routeFail(error, size, text);
         at += length + 1;
         length = strcspn(at, ",");
-        if (!length || length > 48 || memchr(at, ' ', length) || *at == '-')
+        if (!length || length > 48 || memchr(at, ' ', length) || *at == '-' ||
+            (strspn(at, "0123456789") == length && !isLink(at, length)))
             return routeFail(error, size, text);
         putPort(&w, port, at, length);
         at += length;

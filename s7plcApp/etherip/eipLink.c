@@ -98,9 +98,13 @@ static int flag(const place *p, const word *w, const char **at, eipLink *link)
         return 0;
     }
     if (is(w, "B")) {
+        const char *begin = *at;
+
         if (number(p, at, 'B', 0, 63, &value))
             return -1;
         link->bit = (int)value;
+        if (link->bit != value)
+            return fail(p, begin, "B %g is no bit; allowed: B, a blank, 0 to 63", value);
         return 0;
     }
     if (is(w, "FORCE"))

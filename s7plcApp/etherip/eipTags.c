@@ -95,6 +95,18 @@ static void forget(eipTag *tag)
     tag->apart = 0;
 }
 
+/* What was refused by itself is not asked for at once because others come or go. */
+static void keepRefused(const eipTags *t, eipWant *wants, unsigned count)
+{
+    const eipWant *old;
+    unsigned i;
+
+    for (i = 0; i < count && t->wantCount; i++) {
+        old = bsearch(&wants[i], t->wants, t->wantCount, sizeof(*old), byWish);
+        wants[i].refused = old && !wants[i].fresh ? old->refused : 0;
+    }
+}
+
 void eipTagSetState(eipTags *t, eipTag *tag, eipTagState state)
 {
     t->unknown += (state == eipTagNew) - (tag->state == eipTagNew);
@@ -138,6 +150,7 @@ void eipTagsSet(eipTags *t, eipWant *wants, unsigned count)
         }
         t->unknown += tags[i].state == eipTagNew;
     }
+    keepRefused(t, wants, count);
     freeUnits(t);
     freeWants(t->wants, t->wantCount);
     free(t->tags);

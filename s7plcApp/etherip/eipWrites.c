@@ -461,6 +461,8 @@ static void takeItem(eipWorker *w, unsigned i, const eipAnswer *answer, void *ar
         return;
     }
     eipWorkerReason(answer, reason);
+    if (it->index && (answer->status == eipPathSegment || answer->status == eipPathUnknown))
+        epicsSnprintf(reason, sizeof(reason), "PLC: no such element (%02X)", answer->status);
     if (answer->status)
         eipWorkerNote(w, "write of %.50s: %s", w->tags.tags[it->tag].base, reason);
     settleItem(w, it, answer->status ? reason : NULL);

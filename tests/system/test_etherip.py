@@ -374,6 +374,13 @@ def test_nobody_is_hurt(plant):
     plant.ioc.wait_alarm("ro", "INVALID", "WRITE", "no right to access it")
     plant.set("D", 5)
     plant.ioc.wait_value("d", 5)
+    told = plant.ioc.log_count("tag Ints[45]: ")
+    for link in ("Ints[38]", "Ints[37]"):  # others come and go: what was refused is not told again
+        plant.set(link, int(link[5:7]))
+        plant.ioc.put("d.INP", f"@P {link} S 0.05")
+        plant.ioc.wait_value("d", int(link[5:7]))
+    assert plant.ioc.log_count("tag Ints[45]: ") == told
+    assert plant.ioc.severity("beyond") == "INVALID" and plant.ioc.severity("last") == "NO_ALARM"
     assert plant.ioc.command("drvEtherIP_report 1").count("1 made, 0 lost")
 
 

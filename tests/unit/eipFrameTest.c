@@ -77,6 +77,9 @@ static const struct {
     {"a,1",                    NULL                                                          },
     {"1,0,",                   NULL                                                          },
     {"1,-2",                   NULL                                                          },
+    {"1,256",                  NULL                                                          },
+    {"1,99999999999999999999", NULL                                                          },
+    {"2,host,1,255",           "12 04 68 6F 73 74 01 FF"                                     },
 };
 
 static void testRoutes(void)

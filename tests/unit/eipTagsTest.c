@@ -839,6 +839,7 @@ static const struct {
     {"@plc tag S -1",            NULL,      0,  0, 0, 0, 0,  0, 0,    eipNoStatistic    },
     {"@plc tag S nan",           NULL,      0,  0, 0, 0, 0,  0, 0,    eipNoStatistic    },
     {"@plc tag B -1",            NULL,      0,  0, 0, 0, 0,  0, 0,    eipNoStatistic    },
+    {"@plc tag B 1.5",           NULL,      0,  0, 0, 0, 0,  0, 0,    eipNoStatistic    },
     {"@plc tag B 64",            NULL,      0,  0, 0, 0, 0,  0, 0,    eipNoStatistic    },
     {"@plc tag.1 B 2",           NULL,      0,  0, 0, 0, 0,  0, 0,    eipNoStatistic    },
     {"@plc tag force",           NULL,      0,  0, 0, 0, 0,  0, 0,    eipNoStatistic    },
