@@ -178,6 +178,8 @@ def test_latest_value(new_station):
 def test_holdoff(new_station):
     """holdoff: puts that follow each other in this time leave in one request"""
     s = new_station(words(50), "holdoff 2000")
+    names = [f"o{i}" for i in range(50)]
+    s.ioc.connect([*names, *(name + ".SEVR" for name in names)])
     for i in range(50):
         s.ioc.put(f"o{i}", i + 1)
     s.wait_register(49, 50)
