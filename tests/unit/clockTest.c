@@ -40,6 +40,7 @@ static const struct {
     {"DT month 13", DT, "\x24\x13\x01\x00\x00\x00\x00\x01", 1, ""},
     {"DT 30 February", DT, "\x24\x02\x30\x00\x00\x00\x00\x01", 1, ""},
     {"DT 29 February of a year that has none", DT, "\x23\x02\x29\x00\x00\x00\x00\x01", 1, ""},
+    {"DT 32 January of a leap year", DT, "\x24\x01\x32\x00\x00\x00\x00\x01", 1, ""},
     {"DT day 0", DT, "\x24\x02\x00\x00\x00\x00\x00\x01", 1, ""},
     {"DT hour 24", DT, "\x24\x02\x01\x24\x00\x00\x00\x01", 1, ""},
     {"DT minute 60", DT, "\x24\x02\x01\x00\x60\x00\x00\x01", 1, ""},

@@ -116,6 +116,8 @@ static const struct {
     {2.5,           "DINT",  "03 00 00 00"            },
     {-2.5,          "INT",   "FD FF"                  },
     {-0.4,          "USINT", "00"                     },
+    {-0.5,          "INT",   "FF FF"                  },
+    {0.5,           "INT",   "01 00"                  },
     {-0.6,          "USINT", NULL                     },
     {32767.4,       "INT",   "FF 7F"                  },
     {32767.5,       "INT",   NULL                     },

@@ -165,6 +165,10 @@ static void testTextKinds(void)
     t.tags[0].characters = 20;
     eipUnitsMake(&t);
     testOk(t.pieces[0].text == eipTextYes, "but when it has room for characters");
+    t.tags[0].characters = 0;
+    t.tags[0].code = eipStringCode;
+    eipUnitsMake(&t);
+    testOk(t.pieces[0].text == eipTextYes, "a STRING of its own type is one in any case");
     eipTagsFree(&t);
     for (i = 0; i < 128; i++)
         memcpy(base + 2 * i, "a.", 2);
@@ -326,6 +330,35 @@ static void testMultiple(void)
 
 static const char *const paths[] = {"a[", "a[x", "a[1", "a[1 2]", "a..b", "a."};
 
+static const struct {
+    const char *word;
+    eipStatistic statistic;
+} statistics[] = {
+    {"PLC_ERRORS",         eipPlcErrors      },
+    {"PLC_TASK_SLOW",      eipPlcTaskSlow    },
+    {"LIST_ERRORS",        eipListErrors     },
+    {"LIST_TICKS",         eipListTicks      },
+    {"LIST_TIME",          eipListTime       },
+    {"LIST_SCAN_TIME",     eipListScanTime   },
+    {"LIST_MIN_SCAN_TIME", eipListMinScanTime},
+    {"LIST_MAX_SCAN_TIME", eipListMaxScanTime},
+    {"TAG_TRANSFER_TIME",  eipTagTransferTime},
+};
+
+static void testStatistics(void)
+{
+    char text[60], error[200];
+    eipLink link;
+    size_t i, column;
+
+    for (i = 0; i < COUNT(statistics); i++) {
+        sprintf(text, "@plc tag S 1 %s", statistics[i].word);
+        testOk(eipLinkParse(text, &link, &column, error, sizeof(error)) == 0 &&
+                   link.statistic == statistics[i].statistic && link.period == 1,
+               "%s is a statistic", statistics[i].word);
+    }
+}
+
 static void testPaths(void)
 {
     epicsUInt8 bytes[8];
@@ -419,6 +452,7 @@ MAIN(eipUnitsTest)
     testInner();
     testStores();
     testMultiple();
+    testStatistics();
     testPaths();
     testPlaceKeys();
     testBadPlaces();

@@ -356,6 +356,17 @@ static void testGuess(void)
     plcFramingGiveUp(s.framing);
     testOk(plcFramingJudge(s.framing) == plcFramingWrong && plcFramingBurst(s.framing) == 0,
            "where no two are equal no size is told");
+    plcFramingReset(s.framing);
+    s.sent = 0;
+    for (i = 0; i < 20; i++)
+        arrive(&s, 96, 1000 * MS);
+    for (i = 0; i < 16; i++)
+        arrive(&s, 41 + (size_t)i * 7 % 50, 1000 * MS);
+    testOk(plcFramingJudge(s.framing) == plcFramingDoubt, "portions of 15 sizes leave a doubt");
+    for (; i < 18; i++)
+        arrive(&s, 41 + (size_t)i * 7 % 50, 1000 * MS);
+    testOk(plcFramingJudge(s.framing) == plcFramingWrong && plcFramingBurst(s.framing) == 0,
+           "those of 16 end it: there is no block size");
     plcFramingDestroy(s.framing);
 }
 
@@ -363,7 +374,7 @@ MAIN(framingTest)
 {
     size_t i;
 
-    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 11 + 9 + framingSlipTests());
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 11 + 11 + framingSlipTests());
     for (i = 0; i < sizeof(rows) / sizeof(rows[0]); i++)
         testRow(i);
     testRandomPieces();

@@ -96,6 +96,7 @@ static const struct {
     {"a row is refused",                     plcMapDownload, plcTablesCommitting, 70, {10, 1, 4, 5, 2, 0, 70, 6, 4}, 0, plcTablesRefused, 0, "row 2: memory that the PLC does not allow"},
     {"refused is refused",                   plcMapDownload, plcTablesRefused, 0, {10, 1, 4, 5, 2, 0, 70, 6, 4}, 0, plcTablesRefused, 0, "x"},
     {"refused because of LOCAL: again",      plcMapDownload, plcTablesRefused, 0, {10, 1, 4, 27, 0, 0, 0, 6, 4}, 0, plcTablesBeginning, plcTablesBegin, "table is being downloaded"},
+    {"refused because of the key switch: again", plcMapDownload, plcTablesRefused, 0, {10, 1, 4, 26, 0, 0, 0, 6, 4}, 0, plcTablesBeginning, plcTablesBegin, "table is being downloaded"},
     {"refused, and it has the table after all", plcMapDownload, plcTablesRefused, 0, {10, 1, 3, 0, 0, 1, 0, 6, 4}, 1, plcTablesEqual, 0, ""},
     {"the table is lost again: BEGIN",       plcMapDownload, plcTablesEqual, 0, {10, 1, 0, 0, 0, 0, 0, 6, 4}, 0, plcTablesBeginning, plcTablesBegin, "table is being downloaded"},
     {"a disconnected one minds nothing",     plcMapDownload, plcTablesDisconnected, 0, {10, 1, 0, 0, 0, 0, 0, 6, 4}, 1, plcTablesDisconnected, 0, "x"},
