@@ -12,6 +12,7 @@
 #include <epicsStdio.h>
 #include <epicsStdlib.h>
 #include <epicsString.h>
+#include <epicsMutex.h>
 #include <epicsUnitTest.h>
 #include <epicsVersion.h>
 #include <errlog.h>
@@ -26,11 +27,14 @@
 int recordTest_registerRecordDeviceDriver(struct dbBase *base);
 
 static char log_[20000];
+static epicsMutexId logLock; /* the listener is called in a thread of errlog */
 
 static void listen_(void *arg, const char *message)
 {
     (void)arg;
+    epicsMutexMustLock(logLock);
     strncat(log_, message, sizeof(log_) - strlen(log_) - 1);
+    epicsMutexUnlock(logLock);
 }
 
 const char *messages(void)
@@ -38,8 +42,10 @@ const char *messages(void)
     static char copy[sizeof(log_)];
 
     errlogFlush();
+    epicsMutexMustLock(logLock);
     strcpy(copy, log_);
     log_[0] = 0;
+    epicsMutexUnlock(logLock);
     return copy;
 }
 
@@ -52,6 +58,8 @@ void iocBegin(void)
     testdbReadDatabase("recordTest.dbd", NULL, NULL);
     recordTest_registerRecordDeviceDriver(pdbbase);
     eltc(0);
+    if (!logLock)
+        logLock = epicsMutexMustCreate();
     errlogAddListener(listen_, NULL);
     messages();
 }
