@@ -88,11 +88,16 @@ static const struct {
      "    @P/0 T=BYTE\n"
      "         ^\n",
      "NOBT=2 SHFT=8: UINT8 has bits 0 to 7"},
-    {"mbbo with none of its bits", "mbbo", "OUT=@P/0 T=BYTE|NOBT=3|SHFT=8",
-     "S7plc mbbo \"%s\" OUT: NOBT=3 SHFT=8: UINT8 has bits 0 to 7\n"
+    {"mbbo with one bit too many", "mbbo", "OUT=@P/0 T=BYTE|NOBT=3|SHFT=6",
+     "S7plc mbbo \"%s\" OUT: NOBT=3 SHFT=6: UINT8 has bits 0 to 7\n"
      "    @P/0 T=BYTE\n"
      "         ^\n",
-     "NOBT=3 SHFT=8: UINT8 has bits 0 to 7"},
+     "NOBT=3 SHFT=6: UINT8 has bits 0 to 7"},
+    {"mbboDirect that would write half", "mbboDirect", "OUT=@P/2 T=BYTE|NOBT=16",
+     "S7plc mbboDirect \"%s\" OUT: NOBT=16 SHFT=0: UINT8 has bits 0 to 7\n"
+     "    @P/2 T=BYTE\n"
+     "         ^\n",
+     "NOBT=16 SHFT=0: UINT8 has bits 0 to 7"},
     {"bits far away", "mbbi", "INP=@P/0 T=DWORD|NOBT=1|SHFT=65535",
      "S7plc mbbi \"%s\" INP: NOBT=1 SHFT=65535: UINT32 has bits 0 to 31\n"
      "    @P/0 T=DWORD\n"
@@ -136,12 +141,6 @@ static const struct {
     {"mbbiDirect with too many bits", "mbbiDirect", "INP=@P/0|NOBT=17",
      "S7plc mbbiDirect \"%s\" warning: NOBT=17 SHFT=0: INT16 has bits 0 to 15, the others read "
      "0\n"},
-    {"mbbo with one bit too many", "mbbo", "OUT=@P/0 T=BYTE|NOBT=3|SHFT=6",
-     "S7plc mbbo \"%s\" warning: NOBT=3 SHFT=6: UINT8 has bits 0 to 7, the others are not "
-     "written\n"},
-    {"mbboDirect that writes half", "mbboDirect", "OUT=@P/2 T=BYTE|NOBT=16",
-     "S7plc mbboDirect \"%s\" warning: NOBT=16 SHFT=0: UINT8 has bits 0 to 7, the others are not "
-     "written\n"},
     {"mbbi without NOBT", "mbbi", "INP=@P/0",
      "S7plc mbbi \"%s\" warning: NOBT is 0: the record always reads 0. Set NOBT to its number "
      "of bits\n"},

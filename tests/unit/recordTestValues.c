@@ -318,8 +318,6 @@ static const struct {
     {"mbbo cuts a number off at NOBT bits", "mbbo", "", "NOBT=4|SHFT=4|ONVL=18",
      "VAL", "1",
      "", "0020"},
-    {"mbboDirect with more bits than its type writes those there are", "mbboDirect", " T=BYTE",
-     "NOBT=16", "VAL", "4660", "a5a5", "34a5"},
     {"mbbo without NOBT writes nothing", "mbbo", "", "", "VAL", "3", "a5a5", "a5a5"},
     {"mbboDirect writes its bits, the others stay", "mbboDirect", "", "NOBT=4|SHFT=8",
      "VAL",

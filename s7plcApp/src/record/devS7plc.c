@@ -409,12 +409,12 @@ int devPrepareMask(dbCommon *prec, devRecord *dev, const plcLink *link,
     unsigned bits = 8 * dev->type->size;
     epicsUInt64 has = shft < bits ? ~0ull >> (64 - bits + shft) : 0;
 
-    if (wanted && !has)
+    if (out ? wanted & ~has : wanted && !has)
         return plcLinkFail(error, link->column.T, "NOBT=%u SHFT=%u: %s has bits 0 to %u", nobt,
                            shft, dev->type->name, bits - 1);
     if (wanted & ~has)
-        devWarn(prec, "NOBT=%u SHFT=%u: %s has bits 0 to %u, the others %s", nobt, shft,
-                dev->type->name, bits - 1, out ? "are not written" : "read 0");
+        devWarn(prec, "NOBT=%u SHFT=%u: %s has bits 0 to %u, the others read 0", nobt, shft,
+                dev->type->name, bits - 1);
     if (!wanted)
         devWarn(prec, "NOBT is 0: the record always %s. Set NOBT to its number of bits",
                 out ? "writes nothing" : "reads 0");

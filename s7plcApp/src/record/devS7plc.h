@@ -241,8 +241,8 @@ int devPrepareString(dbCommon *prec, devRecord *dev, const plcLink *link,
                      plcLinkError *error);
 
 /* prepare of the multibit records: moves MASK, NOBT bits, to its place at SHFT. It is
- * moved back when the record leaves us. Bits that the type has not are left out, with a warning.
- * Returns 0; or -1 with *error, when the type has none of them. */
+ * moved back when the record leaves us. Inputs read those bits that the type has, with a warning.
+ * Returns 0; or -1 with *error, when the type has none of them, or not all of an output. */
 int devPrepareMask(dbCommon *prec, devRecord *dev, const plcLink *link,
                    plcLinkError *error, epicsUInt32 *mask, unsigned nobt, unsigned shft);
 
