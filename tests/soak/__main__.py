@@ -47,7 +47,7 @@ def arguments():
     parser = argparse.ArgumentParser(prog="soak", description=__doc__.splitlines()[0])
     parser.add_argument("--duration", type=seconds, default=600.0, help="90s, 10m, 1.5h (10m)")
     parser.add_argument("--seed", type=int, help="whole number (from the clock)")
-    parser.add_argument("--transports", type=names, default=[*TRANSPORTS, *PROGRAMS],
+    parser.add_argument("--transports", type=names, default=[t for t in TRANSPORTS if t != "cpppo"] + [*PROGRAMS],
                         help="some of: " + ",".join([*TRANSPORTS, *PROGRAMS]))
     parser.add_argument("--instances", type=int, default=1, help="of each, side by side (1)")
     parser.add_argument("--episodes", type=int, help="at most so many of each transport")

@@ -92,7 +92,10 @@ class EtherIp(World):
 
     def held_at_rest(self, record):
         self.outputs.refusing = False
-        put = judge.put_of(self.held_in_the_end(record))
+        value = self.held_in_the_end(record)
+        if value is None:
+            return
+        put = judge.put_of(value)
         with self.lock:
             self.outputs.quiet(record)
             self.outputs.quiet(record, held=put and put[1])

@@ -49,7 +49,10 @@ class Modbus(World):
     def held_at_rest(self, record):
         """What the PLC has in its memory, asked from itself."""
         self.outputs.refusing = False  # now: a busy PLC is asked again and again
-        put = judge.put_of(self.held_in_the_end(record))
+        value = self.held_in_the_end(record)
+        if value is None:
+            return
+        put = judge.put_of(value)
         with self.lock:
             self.outputs.quiet(record)
             self.outputs.quiet(record, held=put and put[1])

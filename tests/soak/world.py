@@ -563,6 +563,8 @@ class World:
             value = self.held(record)
             if value == judge.setpoint(record, wanted) or over():
                 return value
+            if self.losses != self.whole_at:  # a connection ended meanwhile: all begins anew
+                return None
             time.sleep(0.05)
 
     def held_at_rest(self, record):  # hook

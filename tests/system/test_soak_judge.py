@@ -373,9 +373,12 @@ def test_slow_server():
     outputs = judge.Outputs()
     values = [judge.setpoint(1, 70000), judge.setpoint(1, 70000), outputs.put(1)]
     world = types.SimpleNamespace(outputs=outputs, held=lambda record: values.pop(0), patience=lambda: patience(3))
+    world.losses = world.whole_at = 1
     assert World.held_in_the_end(world, 1) == judge.setpoint(1, 70001) and not values
     world.held = lambda record: judge.setpoint(1, 70000)
     assert World.held_in_the_end(world, 1) == judge.setpoint(1, 70000)
+    world.losses = 2  # a put that was not answered has gone with its connection
+    assert World.held_in_the_end(world, 1) is None
 
 
 def test_put_while_away():
