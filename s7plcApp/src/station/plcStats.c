@@ -19,8 +19,10 @@ PLC_HOT int plcStatsBin(double ms)
 
     if (!(part > 1))
         return 0;
-    for (; part >= 2 && bin < PLC_BINS; part /= 2)
+    while (part >= 2 && bin < PLC_BINS) {
+        part /= 2;
         bin += BINS_PER_OCTAVE;
+    }
     bin += (part >= third) + (part >= twoThirds);
     return bin < PLC_BINS - 1 ? bin : PLC_BINS - 1;
 }
