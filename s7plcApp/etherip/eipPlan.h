@@ -48,10 +48,10 @@ unsigned eipRuns(const epicsUInt32 *first, const epicsUInt32 *length, unsigned c
                  unsigned elementSize, epicsUInt32 most, eipRun *runs);
 
 /* When it is due next, ns: the first multiple of `period` ns behind `now`, counted from
- * `epoch`. */
+ * `epoch`. Period 0: at once. */
 static inline epicsUInt64 eipNextDue(epicsUInt64 epoch, epicsUInt64 period, epicsUInt64 now)
 {
-    return epoch + ((now - epoch) / period + 1) * period;
+    return period ? epoch + ((now - epoch) / period + 1) * period : now;
 }
 
 #endif /* INC_eipPlan_H */

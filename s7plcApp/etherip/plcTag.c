@@ -363,8 +363,10 @@ int main(int argc, char **argv)
     connect.timeout = (unsigned)option.timeout;
     osiSockAttach();
     c = eipClientCreate(&connect, (unsigned)option.timeout);
-    if (!c)
-        stop("no memory");
+    if (!c) {
+        fputs("plcTag: no memory\n", stderr);
+        return 1;
+    }
     if (eipClientOpen(c, argv[first]))
         stop("%s", c->why);
     if (option.verbose) {

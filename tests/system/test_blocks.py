@@ -1,4 +1,5 @@
 """The bytes themselves: sizes from 1 byte to 64 KiB, both byte orders, what leaves when."""
+import os
 import random
 import struct
 
@@ -157,8 +158,8 @@ def test_heartbeat_by_hand(new_peer, new_ioc):
     peer.wait_connected()
     numbers = [struct.unpack(">h", block)[0] for block in peer.wait_blocks(10)]
     steps = [b - a for a, b in zip(numbers, numbers[1:])]
-    # Where the machine is busy, the record may have counted twice between two blocks.
-    assert set(steps) <= {1, 2} and steps.count(1) > steps.count(2), numbers
+    # Under a sanitizer the record may have counted twice between two blocks.
+    assert set(steps) <= ({1, 2} if os.environ.get("SANITIZE") else {1}), numbers
 
 
 def test_every_block_counts(new_peer, new_ioc):
