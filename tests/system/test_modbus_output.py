@@ -1070,5 +1070,5 @@ def test_demo():
                          capture_output=True, text=True, timeout=120)
     assert run.returncode == 0, run.stdout + run.stderr
     assert re.search(r"Speed 9999 +33.25 +33.25 +9999 +100  PLC: exception 3, illegal data value", run.stdout)
-    assert re.search(r"caput Force 12.5: nobody else is hurt +12.5 +12.5 +9999 +100  NO_ALARM", run.stdout)
+    assert re.search(r"caput Force 12.5: others are not affected +12.5 +12.5 +9999 +100  NO_ALARM", run.stdout)
     assert run.stdout.endswith("demo ok\n"), run.stdout
