@@ -108,8 +108,7 @@ def play(options, recorder, say):
         recorder.data["failure"] = f"{error}" or repr(error)
         say(traceback.format_exc())
         if world.ioc:
-            if getattr(error, "kind", "stuck") in ("stuck", "lost"):
-                say("--- the IOC's threads\n" + world.threads())
+            say("--- the IOC's threads\n" + world.threads())
             say("--- the IOC's log\n" + world.ioc.log)
             world.keep_log()
         if world.sim:
