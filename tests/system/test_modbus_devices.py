@@ -220,6 +220,8 @@ def test_late_answer_of_the_only_unit(new_modbus, new_ioc):
         return b""
     plc.mangle = mangle
     ioc.wait_log("disconnected: no answer for 200 ms")
+    for record in ("in", "out", "far"):
+        ioc.wait_alarm(record, "NO_ALARM")
     use(plc, ioc)
     assert plc.connections == 2 and ioc.get("losses") == 1
 

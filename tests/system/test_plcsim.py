@@ -1,4 +1,5 @@
 """plcSim seen from the other end of the wire, by plain sockets: without it nothing else holds."""
+import os
 import re
 import select
 import socket
@@ -469,9 +470,12 @@ def test_deaf_stdout(tmp_path, connect, closing):
             for _ in range(3000):  # far more than a pipe holds
                 console.sendall(b"silence on\nsilence off\n")
                 assert answers.readline() == answers.readline() == "ok\n"
-        client = connect(port)
-        first = struct.unpack_from(">I", client.read())[0]
-        assert struct.unpack_from(">I", client.read())[0] == first + 1
+            client = connect(port)
+            first = struct.unpack_from(">I", client.read())[0]
+            assert struct.unpack_from(">I", client.read())[0] == first + 1
+            assert os.read(sim.stdout.fileno(), 1 << 16)  # there is room again, for the next line
+            console.sendall(b"silence off\n")
+            assert answers.readline() == "ok\n"
     finally:
         sim.terminate()
     rest = sim.stdout.read()

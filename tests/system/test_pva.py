@@ -51,8 +51,10 @@ def test_pva(pva, new_peer, new_ioc):
     peer.power_off()
     assert enough.wait(60)
     subscription.close()
-    until(lambda: "reset by PLC" in pva.get(ioc.P + "in", timeout=30).raw.alarm.message,
+    # The reason is that of the loss, then that of the attempts since.
+    until(lambda: pva.get(ioc.P + "in", timeout=30).raw.alarm.message == "connection refused by PLC",
           lambda: pva.get(ioc.P + "in", timeout=30).raw.alarm.message)
+    assert "reset by PLC" in ioc.log
 
 
 def test_no_interface(new_peer, new_ioc):
