@@ -3,7 +3,7 @@ import time
 
 from . import judge, wire
 from .plan import Fault
-from .world import IOC, PLC, WIRE, World
+from .world import IOC, PLC, WIRE, World, record
 
 OUT = 32  # bytes: 3 setpoints, then a word of bits
 
@@ -92,11 +92,6 @@ class Blocks(World):
                 + "".join(f"s7plcSetOption PLC {key} {value}\n" for key, value in options.items()))
 
     def database(self):
-        def record(kind, name, link, more=""):
-            field = "OUT" if kind in ("int64out", "bo") else "INP"
-            scan = 'field(SCAN, "I/O Intr")' if field == "INP" else ""
-            return (f'record({kind}, "$(P){name}") {{ field(DTYP, "S7plc") field({field}, "@PLC/{link}") '
-                    f'{scan} {more} }}\n')
         return (record("int64in", "n", "4 T=UINT32") + record("int64in", "w", "8 T=UINT64")
                 + record("waveform", "a", "16 T=INT32", 'field(FTVL, "LONG") field(NELM, "8")')
                 + record("int64in", "z", "60 T=UINT32", 'field(PHAS, "1") field(FLNK, "$(P)t")')

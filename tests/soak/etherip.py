@@ -1,8 +1,11 @@
 """EtherNet/IP: drvEtherIP_define_PLC against plcSim. Each put is acknowledged; outputs follow what the PLC holds."""
 
+import functools
+
 from . import judge
 from .plan import Fault
 from .world import IOC, PLC, WIRE, World
+from .world import record as world_record
 
 TAGS = 3
 
@@ -43,11 +46,7 @@ class EtherIp(World):
                 + "".join(f"s7plcSetOption PLC {k} {v}\n" for k, v in options.items()))
 
     def database(self):
-        def record(kind, name, link, more=""):
-            field = "OUT" if kind == "int64out" else "INP"
-            scan = 'field(SCAN, "I/O Intr")' if field == "INP" else ""
-            return (f'record({kind}, "$(P){name}") {{ field(DTYP, "EtherIP") field({field}, "@PLC {link}") '
-                    f'{scan} {more} }}\n')
+        record = functools.partial(world_record, dtyp="EtherIP", plc="@PLC ")
         return (record("int64in", "n", "Probe[1] S 0.05")
                 + record("waveform", "a", "Probe S 0.05", 'field(FTVL, "LONG") field(NELM, "16")')
                 + record("int64in", "z", "Probe[15] S 0.05")
@@ -90,15 +89,7 @@ class EtherIp(World):
                 return f"output {record}: put {wanted} was the last, the PLC has {self.outputs.last.get(record)}"
         return None
 
-    def held_at_rest(self, record):
-        self.outputs.refusing = False
-        value = self.held_in_the_end(record)
-        if value is None:
-            return
-        put = judge.put_of(value)
-        with self.lock:
-            self.outputs.quiet(record)
-            self.outputs.quiet(record, held=put and put[1])
+    held_at_rest = World.held_as_asked
 
     def held(self, record):  # hook
         return int(self.console(f"etherip get S{record}").split("=")[-1])

@@ -1,7 +1,7 @@
 """Modbus/TCP: modbusplcConfigure against plcSim. Every put is acknowledged, and leaves once a connection."""
 from . import judge
 from .plan import Fault
-from .world import IOC, PLC, WIRE, World
+from .world import IOC, PLC, WIRE, World, record
 
 
 class Modbus(World):
@@ -36,26 +36,12 @@ class Modbus(World):
                 '"holding 0 12", 500\n' + "".join(f"s7plcSetOption PLC {k} {v}\n" for k, v in options.items()))
 
     def database(self):
-        def record(kind, name, link, more=""):
-            field = "OUT" if kind == "int64out" else "INP"
-            scan = 'field(SCAN, "I/O Intr")' if field == "INP" else ""
-            return (f'record({kind}, "$(P){name}") {{ field(DTYP, "S7plc") field({field}, "@PLC/{link}") '
-                    f'{scan} {more} }}\n')
         return (record("int64in", "n", "4 T=UINT32") + record("int64in", "w", "8 T=UINT64")
                 + record("waveform", "a", "16 T=INT32", 'field(FTVL, "LONG") field(NELM, "8")')
                 + record("int64in", "z", "60 T=UINT32")
                 + "".join(record("int64out", f"o{i}", f"{8 * i - 8} T=INT64") for i in range(1, 4)))
 
-    def held_at_rest(self, record):
-        """What the PLC has in its memory, asked from itself."""
-        self.outputs.refusing = False  # now: a busy PLC is asked again and again
-        value = self.held_in_the_end(record)
-        if value is None:
-            return
-        put = judge.put_of(value)
-        with self.lock:
-            self.outputs.quiet(record)
-            self.outputs.quiet(record, held=put and put[1])
+    held_at_rest = World.held_as_asked
 
     def held(self, record):  # hook
         return int(self.console(f"get DB10.{8 * record - 8} UINT64").split("=")[-1])

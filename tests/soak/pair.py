@@ -7,7 +7,7 @@ from . import judge, wire
 from .blocks import OUT, Frames
 from .plan import Fault
 from .sim import PairSim
-from .world import IOC, PLC, WIRE, World
+from .world import IOC, PLC, WIRE, World, record
 
 SECOND = "127.0.0.2"  # where the proxy of SECOND listens
 
@@ -81,12 +81,6 @@ class Pair(World):
                 f"s7plcSetOption PLC scan {dice.choice(('all', 'changed'))}\n")
 
     def database(self):
-        def record(kind, name, link, more=""):
-            field = "OUT" if kind == "int64out" else "INP"
-            scan = 'field(SCAN, "I/O Intr")' if field == "INP" else ""
-            return (f'record({kind}, "$(P){name}") {{ field(DTYP, "S7plc") field({field}, "@PLC/{link}") '
-                    f'{scan} {more} }}\n')
-
         def status(kind, name):
             return (f'record({kind}, "$(P){name}") {{ field(DTYP, "phoenixplc") field(INP, "@PLC/{name}") '
                     'field(SCAN, "I/O Intr") }\n')

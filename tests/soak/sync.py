@@ -3,7 +3,7 @@ import time
 
 from . import judge, wire
 from .plan import Fault
-from .world import IOC, PLC, WIRE, WRITE, World
+from .world import IOC, PLC, WIRE, WRITE, World, record
 
 POINTS = 3
 SETPOINTS = 8 * POINTS  # bytes
@@ -59,11 +59,6 @@ class Sync(World):
                 f"s7plcSetOption PLC scan {dice.choice(('all', 'changed'))}\n")
 
     def database(self):
-        def record(kind, name, link, more=""):
-            field = "OUT" if kind == "int64out" else "INP"
-            scan = 'field(SCAN, "I/O Intr")' if field == "INP" else ""
-            return (f'record({kind}, "$(P){name}") {{ field(DTYP, "S7plc") field({field}, "@PLC/{link}") '
-                    f'{scan} {more} }}\n')
         stale = 'field(VAL, "4711") field(PINI, "YES")'  # as autosave brings it
         return (record("int64in", "n", "8 T=UINT32") + record("int64in", "w", "12 T=UINT64")
                 + record("waveform", "a", "20 T=INT32", 'field(FTVL, "LONG") field(NELM, "8")')

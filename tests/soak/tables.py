@@ -2,7 +2,7 @@
 from . import judge, plan, wire
 from .plan import Fault
 from .sync import POINTS, SETPOINTS, Sync
-from .world import IOC, PLC, WIRE
+from .world import IOC, PLC, WIRE, record
 
 OUT = 4 + SETPOINTS + 16  # bytes
 MIRROR = 12 + OUT         # the end of what the PLC shows of it
@@ -59,11 +59,6 @@ class Tables(Sync):
                 f's7plcSetOption PLC heartbeat 300\ns7plcTables PLC "{file}"\n')
 
     def database(self):
-        def record(kind, name, link, more=""):
-            field = "OUT" if kind == "int64out" else "INP"
-            scan = 'field(SCAN, "I/O Intr")' if field == "INP" else ""
-            return (f'record({kind}, "$(P){name}") {{ field(DTYP, "S7plc") field({field}, "@PLC/{link}") '
-                    f'{scan} {more} }}\n')
         at = self.probe_at
         return (record("int64in", "n", f"{at + 4} T=UINT32") + record("int64in", "w", f"{at + 8} T=UINT64")
                 + record("waveform", "a", f"{at + 16} T=INT32", 'field(FTVL, "LONG") field(NELM, "8")')

@@ -59,6 +59,14 @@ class Pulse:
         return 0.6 + 3 * self.worst()
 
 
+def record(kind, name, link, more="", dtyp="S7plc", plc="@PLC/"):
+    """A record of the IOC; inputs process by I/O Intr."""
+    field = "OUT" if kind in ("int64out", "bo") else "INP"
+    scan = 'field(SCAN, "I/O Intr")' if field == "INP" else ""
+    return (f'record({kind}, "$(P){name}") {{ field(DTYP, "{dtyp}") field({field}, "{plc}{link}") '
+            f'{scan} {more} }}\n')
+
+
 class World:
     """FAULTS, NAME, PROGRAM, ORDER, TIMEOUT and the functions marked with `hook` are each transport's own."""
 
@@ -570,6 +578,17 @@ class World:
     def held_at_rest(self, record):  # hook
         with self.lock:
             self.outputs.quiet(record)
+
+    def held_as_asked(self, record):
+        """The same where the PLC can be asked what it has in its memory (`held`)."""
+        self.outputs.refusing = False  # now: a busy PLC is asked again and again
+        value = self.held_in_the_end(record)
+        if value is None:
+            return
+        put = judge.put_of(value)
+        with self.lock:
+            self.outputs.quiet(record)
+            self.outputs.quiet(record, held=put and put[1])
 
     def counts(self):
         counts = self.recorder.data["counts"]

@@ -9,25 +9,16 @@
 
 #include "eipBrowse.h"
 #include "eipConnect.h"
+#include "hexBytes.h"
 
 #define COUNT(table) (sizeof(table) / sizeof(table[0]))
 
 static char why[80];
 
-static size_t bytesOf(const char *hex, epicsUInt8 *bytes)
-{
-    size_t n = 0;
-    unsigned byte;
-
-    for (; sscanf(hex, "%2x", &byte) == 1; hex += 2 + (hex[2] == ' '))
-        bytes[n++] = (epicsUInt8)byte;
-    return n;
-}
-
 static void isBytes(const char *what, const eipWriter *w, const char *hex)
 {
     epicsUInt8 wanted[600];
-    size_t n = bytesOf(hex, wanted);
+    size_t n = hexBytes(hex, wanted);
 
     testOk(!w->full && w->n == n && memcmp(w->start, wanted, n) == 0, "%s", what);
 }
@@ -36,7 +27,7 @@ static eipAnswer answerOf(const char *hex, epicsUInt8 *bytes)
 {
     eipAnswer a = {.data = bytes};
 
-    a.length = bytesOf(hex, bytes);
+    a.length = hexBytes(hex, bytes);
     return a;
 }
 
@@ -109,19 +100,19 @@ static void testRouteFailures(void)
     size_t i, n;
 
     for (i = 0; i < COUNT(routeFailures); i++) {
-        n = bytesOf(routeFailures[i].answer, bytes);
+        n = hexBytes(routeFailures[i].answer, bytes);
         testOk(eipIsRouteFailure(bytes, n, routeFailures[i].service) == routeFailures[i].failure,
                "%s: %s of the route", routeFailures[i].what,
                routeFailures[i].failure ? "a failure" : "none");
     }
-    n = bytesOf("6F 00 16 00 05 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00"
+    n = hexBytes("6F 00 16 00 05 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00"
                 " 00 00 00 00 00 00 02 00 00 00 00 00 B2 00 06 00 D2 00 01 01 12 03",
                 frame);
     testOk(eipSessionUnwrap(&s, frame, n, &a, why, sizeof(why)) == 0 &&
                a.status == eipConnectionFailure && a.extended == 0x312 && a.service == eipReadTag,
            "an answer of the route is one to the request");
     s = (eipSession){.handle = 5, .command = eipSendUnitData, .service = eipReadTag};
-    n = bytesOf("70 00 00 00 05 00 00 00 01 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00", frame);
+    n = hexBytes("70 00 00 00 05 00 00 00 01 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00", frame);
     testOk(eipSessionUnwrap(&s, frame, n, &a, why, sizeof(why)) == 0 &&
                a.status == eipConnectionFailure && a.extended == eipExtNoConnection,
            "a bare status 1 on a connection says that it is forgotten");
@@ -163,7 +154,7 @@ static size_t wrapped(epicsUInt8 *frame, const char *message)
 {
     epicsUInt8 context[8], body[80];
     eipWriter w = eipWriterOf(frame, 200);
-    size_t n = bytesOf(message, body);
+    size_t n = hexBytes(message, body);
 
     memcpy(context, frame + 12, 8);
     w.n = eipHeaderSize;

@@ -14,6 +14,7 @@
 #include "eipLink.h"
 #include "eipPlaces.h"
 #include "eipTags.h"
+#include "hexBytes.h"
 
 #define COUNT(table) (sizeof(table) / sizeof(table[0]))
 
@@ -23,16 +24,6 @@ static unsigned randomBelow(unsigned n)
 {
     seed = seed * 1664525u + 1013904223u;
     return (seed >> 8) % n;
-}
-
-static size_t bytesOf(const char *hex, epicsUInt8 *bytes)
-{
-    size_t n = 0;
-    unsigned byte;
-
-    for (; sscanf(hex, "%2x", &byte) == 1; hex += 2 + (hex[2] == ' '))
-        bytes[n++] = (epicsUInt8)byte;
-    return n;
 }
 
 static void hexOf(const void *bytes, size_t n, char *text)
@@ -84,7 +75,7 @@ static void testNumbers(void)
         eipNumber number, parsed = {eipSigned, {0}};
         char text[40];
 
-        n = bytesOf(numbers[i].bytes, raw);
+        n = hexBytes(numbers[i].bytes, raw);
         eipNumberGet(type, raw, &number);
         eipNumberText(type, &number, text, sizeof(text));
         testOk(n == type->size && strcmp(text, numbers[i].text) == 0, "%s %s is %s",
@@ -140,7 +131,7 @@ static void testReals(void)
         number.u.real = reals[i].value;
         status = eipNumberPut(type, raw, &number);
         if (reals[i].bytes)
-            bytesOf(reals[i].bytes, wanted);
+            hexBytes(reals[i].bytes, wanted);
         testOk(status == (reals[i].bytes ? 0 : -1) && memcmp(raw, wanted, 8) == 0,
                "%g %s %s", reals[i].value, reals[i].bytes ? "as" : "does not fit",
                reals[i].type);
@@ -420,7 +411,7 @@ static void testSymbols(void)
                        " 03 00 01 00 02 00 08 00") == 0,
            "and for that of a program: %s", hex);
     /* the second one is a structure: type 8123, three zero dimensions */
-    n = bytesOf("05 00 00 00 04 00 52 45 41 4C CA 20 28 00 00 00 00 00 00 00 00 00 00 00 "
+    n = hexBytes("05 00 00 00 04 00 52 45 41 4C CA 20 28 00 00 00 00 00 00 00 00 00 00 00 "
                 "09 00 00 00 01 00 75 23 81 00 00 00 00 00 00 00 00 00 00 00 00",
                 bytes);
     r = eipReaderOf(bytes, n);
@@ -453,7 +444,7 @@ static size_t clean(const char *hex, epicsUInt8 *bytes)
         if (*hex != ' ')
             packed[n++] = *hex;
     packed[n] = 0;
-    return bytesOf(packed, bytes);
+    return hexBytes(packed, bytes);
 }
 
 static eipTemplate *templateOf(const char *hex, const char *texts, size_t length, unsigned id,

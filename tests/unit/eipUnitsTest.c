@@ -11,23 +11,14 @@
 #include "eipLink.h"
 #include "eipPlaces.h"
 #include "eipTags.h"
+#include "hexBytes.h"
 
 #define COUNT(table) (sizeof(table) / sizeof(table[0]))
-
-static size_t bytesOf(const char *hex, epicsUInt8 *bytes)
-{
-    size_t n = 0;
-    unsigned byte;
-
-    for (; sscanf(hex, "%2x", &byte) == 1; hex += 2 + (hex[2] == ' '))
-        bytes[n++] = (epicsUInt8)byte;
-    return n;
-}
 
 static void isBytes(const char *what, const eipWriter *w, const char *hex)
 {
     epicsUInt8 wanted[600];
-    size_t n = bytesOf(hex, wanted);
+    size_t n = hexBytes(hex, wanted);
 
     testOk(!w->full && w->n == n && memcmp(w->start, wanted, n) == 0, "%s", what);
 }
@@ -36,7 +27,7 @@ static eipAnswer answerOf(const char *hex, epicsUInt8 *bytes)
 {
     eipAnswer a = {.data = bytes};
 
-    a.length = bytesOf(hex, bytes);
+    a.length = hexBytes(hex, bytes);
     return a;
 }
 
@@ -284,7 +275,7 @@ static void testStores(void)
         const char *error;
 
         memset(image, 0x55, sizeof(image));
-        n = bytesOf(stores[i].data, data);
+        n = hexBytes(stores[i].data, data);
         error = eipPieceStore(&t, &p, data, n, image);
         testOk(stores[i].error ? error && strcmp(error, stores[i].error) == 0
                                : !error && image[8] == (epicsUInt8)stores[i].code,

@@ -9,16 +9,15 @@
 
 #include "plcModbusFrame.h"
 #include "plcModbusPlan.h"
+#include "hexBytes.h"
 
 #define COUNT(table) (sizeof(table) / sizeof(table[0]))
 
 static plcFrame frameOf(const char *hex)
 {
     plcFrame f = {{0}, 0};
-    unsigned byte;
 
-    for (; sscanf(hex, "%2x", &byte) == 1; hex += 2 + (hex[2] == ' '))
-        f.bytes[f.size++] = (epicsUInt8)byte;
+    f.size = hexBytes(hex, f.bytes);
     return f;
 }
 
