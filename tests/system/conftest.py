@@ -10,6 +10,7 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
 
 import client  # noqa: E402  (sets the environment before anything loads libca)
 from blackhole import BlackHole  # noqa: E402
+from eipplant import Plant  # noqa: E402
 from ioc import Ioc  # noqa: E402
 from modbuspeer import ModbusPeer  # noqa: E402
 from peer import Peer  # noqa: E402
@@ -65,6 +66,12 @@ def new_ioc(tmp_path, closing):
         closing(ioc)
         return ioc.start() if start else ioc
     return make
+
+
+@pytest.fixture
+def plant(new_sim, new_ioc):
+    """plcSim with tags, and an IOC with records on them: tests of EtherNet/IP."""
+    return Plant(new_sim, new_ioc)
 
 
 @pytest.fixture
