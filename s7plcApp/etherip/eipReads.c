@@ -11,6 +11,7 @@
 enum {
     together = 10,      /* % of the shortest period: what is due by then goes along */
     publishMs = 50,     /* a turn that takes longer shows what it has so far */
+    lateMs = 200,       /* so long after its time a turn goes on between puts */
     wholeMax = 1 << 22, /* bytes of one unit */
     lostTags = 5        /* so many that are unknown at once: another program */
 };
@@ -525,4 +526,20 @@ int eipReadsStep(eipWorker *w, epicsUInt64 now, epicsUInt64 *next)
         publish(w, now);
     }
     return 1;
+}
+
+/* Else many puts to a slow PLC would leave old values with the records as good. */
+int eipReadsLate(const eipWorker *w)
+{
+    epicsUInt64 limit = epicsMonotonicGet() - lateMs * EIP_NS_PER_MS;
+    unsigned i;
+
+    if (!w->taught)
+        return 0;
+    if (w->turn)
+        return w->turnStart < limit;
+    for (i = 0; i < w->classCount; i++)
+        if (w->classes[i].due < limit)
+            return 1;
+    return 0;
 }

@@ -228,6 +228,9 @@ void eipBrowseEnd(eipWorker *w);
 void eipReadsBegin(eipWorker *w);
 int eipReadsStep(eipWorker *w, epicsUInt64 now, epicsUInt64 *next);
 
+/* True when reads are so late that no more puts may go before them. */
+int eipReadsLate(const eipWorker *w);
+
 /* Reads a unit by itself, in as many parts as it takes. `from` bytes of it are in w->assembly
  * already. Returns 0 with *answer (the last one; data in w->assembly, *length) or -1. */
 int eipReadWhole(eipWorker *w, const eipUnit *u, size_t from, eipAnswer *answer,

@@ -15,6 +15,7 @@
 
 enum {
     takenMost = 500, /* puts that leave together */
+    putHead = 20,    /* bytes that a put has in a message beside its value, about */
     writeHead = 2 + 2 + 2 /* service, type, count */
 };
 
@@ -264,15 +265,18 @@ static void wantItem(eipWorker *w, batch *b, unsigned want)
 typedef struct taken {
     size_t offset[takenMost], end[takenMost];
     unsigned count;
+    size_t left; /* bytes; about one message: between two there may be reads */
 } taken;
 
 /* Called with the lock of the image held. */
 static int joins(void *arg, const plcPut *put)
 {
     taken *t = arg;
+    size_t size = putHead + put->length;
 
-    if (t->count == takenMost)
+    if (t->count == takenMost || (t->count && size > t->left))
         return 0;
+    t->left -= size < t->left ? size : t->left;
     t->offset[t->count] = put->offset;
     t->end[t->count++] = put->offset + put->length;
     return 1;
@@ -284,6 +288,7 @@ static unsigned takeTogether(eipWorker *w, taken *t)
     unsigned count = 0;
 
     t->count = 0;
+    t->left = w->limits.room;
     if (!eipWorkerEnter(w))
         return 0;
     memset(w->leaving, 0, w->used);
@@ -567,8 +572,8 @@ static int waitsForWish(eipWorker *w, const taken *t)
     return 1;
 }
 
-/* As many lots as puts wait now; those that come meanwhile have to wait for a read. Tags that are
- * not known come first. */
+/* As many lots as puts wait now; those that come meanwhile have to wait for a read. Reads that are
+ * late have their turn between two lots. Tags that are not known come first. */
 int eipWriteAll(eipWorker *w)
 {
     unsigned left = plcImagePutsWaiting(w->setup.out, NULL, NULL), count;
@@ -588,6 +593,8 @@ int eipWriteAll(eipWorker *w)
             break;
         else
             count = 0;
+        if (eipReadsLate(w))
+            break;
     }
     free(t);
     return status;

@@ -188,6 +188,9 @@ void plcWorkerPlan(plcModbus *m);
  * PLC_WORKER_NEVER. */
 epicsUInt64 plcWorkerPoll(plcModbus *m);
 
+/* True when a read, or the heartbeat, is so late that no more puts may go before it. */
+int plcWorkerIsLate(const session *s);
+
 /* When a read that was made, or whose period has changed, is due again. */
 void plcWorkerSetDue(session *s, turn *t);
 

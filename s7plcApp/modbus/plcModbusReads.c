@@ -7,6 +7,9 @@
 
 #include "plcModbusPvt.h"
 
+/* So long after its time a read or the heartbeat has its turn between puts, ms. */
+#define LATE_MS 200
+
 static void addTurn(session *s, const plcRequest *q, int output, epicsUInt64 due)
 {
     if (s->turnCount == s->room) {
@@ -397,6 +400,19 @@ static unsigned firstTurn(const session *s)
         if (s->turns[i].due < s->turns[first].due)
             first = i;
     return first;
+}
+
+/* Else many puts to a slow PLC would leave old values with the records as good. */
+int plcWorkerIsLate(const session *s)
+{
+    epicsUInt64 limit = epicsMonotonicGet() - LATE_MS * NS_PER_MS;
+    int beats = s->options.heartbeatRegister >= 0 && s->outputsTried && s->beat;
+
+    if (beats && s->beat < limit)
+        return 1;
+    if (s->round)
+        return s->round < limit;
+    return s->turnCount && s->turns[firstTurn(s)].due < limit;
 }
 
 /* One read, if one is due. Returns when to go on, 0: at once; or PLC_WORKER_NEVER. */

@@ -189,8 +189,8 @@ static int writeTogether(plcModbus *m)
     return status;
 }
 
-/* As many lots as puts wait now; those that come meanwhile have to wait for a read. Returns
- * 0, or -1: the session is over. */
+/* As many lots as puts wait now; those that come meanwhile have to wait for a read. What should have
+ * been asked long ago has its turn between two lots. Returns 0, or -1: the session is over. */
 int plcWorkerWriteAll(plcModbus *m)
 {
     unsigned left = plcImagePutsWaiting(m->setup.out, NULL, NULL), count;
@@ -201,6 +201,8 @@ int plcWorkerWriteAll(plcModbus *m)
             break;
         if (writeTogether(m))
             return -1;
+        if (plcWorkerIsLate(&m->session))
+            break;
     }
     return 0;
 }

@@ -45,6 +45,29 @@ def test_integers(plant):
     assert not errors_in(plant.ioc.log)
 
 
+def test_reads_between_puts(plant):
+    """Twenty puts of which each is a message of its own, to a slow PLC: it is read between them"""
+    plant.tags("tag Seen DINT = 1", *(f"tag A{n} DINT[100]" for n in range(20)), profile="enet")
+    plant.records(rec("longin", "seen", "Seen S 0.1"),
+                  *(rec("aao", f"a{n}", f"A{n} S 100", "NELM=100", "FTVL=LONG") for n in range(20)))
+    plant.ioc.wait_value("seen", 1)
+    for n in range(20):
+        plant.ioc.wait_alarm(f"a{n}", "NO_ALARM")
+    plant.sim.command("etherip slow 100")
+    for n in range(20):
+        plant.ioc.put(f"a{n}", [n + 1] * 100, wait=False)
+    for n in range(20):
+        plant.wait_tag(f"A{n}[99]", f"{n + 1}")
+    kinds = []
+    for line in plant.sim.command("etherip received 1000").splitlines():
+        for what, service in ("w", "4d:A"), ("r", "4c:Seen"):
+            kinds += [what] if service in line else []
+    puts = "".join(kinds)[kinds.index("w"):len(kinds) - kinds[::-1].index("w")]
+
+    assert puts.count("w") == 20
+    assert max(len(row) for row in puts.split("r")) <= 5, puts
+
+
 def test_does_not_fit(plant):
     """A value that the tag's type has not is refused with words, and VAL goes back"""
     plant.tags("tag INT INT = 5", "tag USINT USINT = 6")

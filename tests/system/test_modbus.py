@@ -1036,6 +1036,34 @@ def test_statistics(new_modbus, new_ioc):
     ioc.wait_alarm("in", "NO_ALARM")
 
 
+def test_reads_between_puts(new_modbus, new_ioc):
+    """thirty puts to a PLC that takes 0.1 s for each: it is read between them, and its heartbeat goes on"""
+    peer = new_modbus()
+    db = "".join(f'record(longout, "$(P)o{n}") {{ field(DTYP, "S7plc") field(OUT, "@PLC/{4 * n} T=INT16") }}\n'
+                 for n in range(30))
+    ioc = new_ioc(peer.configure("holding 0 10 every 100", "holding 100 60") + """
+        s7plcSetOption PLC complete sent
+        s7plcSetOption PLC heartbeatRegister 300
+        s7plcSetOption PLC heartbeat 500""", PROBE + db)
+    ioc.wait_alarm("in", "NO_ALARM")
+    until(lambda: 300 in peer.written(), "a heartbeat")
+    peer.delay = 0.1
+    mark = peer.mark()
+    for n in range(30):
+        ioc.put(f"o{n}", n + 1)
+    until_equal(lambda: [peer.holding[100 + 2 * n] for n in range(30)], list(range(1, 31)))
+    requests = [r for r in peer.requests[mark:] if r.start != 300]
+    puts = [i for i, r in enumerate(requests) if r.writes]
+    assert len(puts) == 30
+    in_a_row = longest = 0
+    for request in requests[puts[0]:puts[-1]]:
+        in_a_row = in_a_row + 1 if request.writes else 0
+        longest = max(longest, in_a_row)
+    assert longest <= 5, longest
+    beats = [r for r in peer.requests[mark:] if r.start == 300]
+    assert len(beats) >= 3
+
+
 def test_reports(new_modbus, new_ioc):
     """s7plcReport, dbior and s7plcShow tell what is particular to Modbus"""
     peer = new_modbus()
