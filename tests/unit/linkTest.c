@@ -640,6 +640,9 @@ static const struct {
      "L=5: in this order a text has a multiple of 2 bytes; allowed: such as L=6"},
     {"T=STRING L=6 W=DCBA", plcTextABCD, plcTextDCBA, 6, 0,
      "L=6: in this order a text has a multiple of 4 bytes; allowed: such as L=8"},
+    {"T=STRING L=0777777777777777777777 W=DCBA", plcTextABCD, plcTextDCBA, 39, 0,
+     "L=9223372036854775807: in this order a text has a multiple of 4 bytes; allowed: such as "
+     "L=9223372036854775804"},
     {"T=S7STRING L=5", plcTextBADC, plcTextBADC, 7, 0,
      "L=5: in this order a text has a multiple of 2 bytes with its head; allowed: such as L=6"},
     {"T=STRING W=CDAB", plcTextABCD, plcTextCDAB, 3, 0,

@@ -162,13 +162,14 @@ int plcLinkTextLength(const plcLink *link, int order, size_t *length, plcLinkErr
 {
     size_t unit = plcTextUnit(order), over = *length % unit;
     long long low = (long long)link->low;
+    long long step = (long long)(unit - over);
 
     if (over && link->has & plcHasL)
         return plcLinkFail(error, link->column.L,
                            "L=%lld: in this order a text has a multiple of %u bytes%s; allowed: such as "
                            "L=%lld",
                            low, (unsigned)unit, link->type->kind == plcS7String ? " with its head" : "",
-                           low + (long long)(unit - over));
+                           low > INT64_HIGHEST - step ? low - (long long)over : low + step);
     *length -= over;
     return *length ? 0
                    : plcLinkFail(error, link->column.offset,
