@@ -139,9 +139,10 @@ asynStatus plcAsynWrite(plcAsynPort *port, asynUser *user, plcAsynView *view,
 
 plcAsynView *plcAsynOutputOf(plcAsynPort *port, asynUser *user, plcAsynFace face)
 {
-    plcAsynView *view = plcAsynViewOf(port, user, face);
+    plcAsynView *view;
 
     clearAlarm(user);
+    view = plcAsynViewOf(port, user, face); /* which may set one */
     epicsTimeGetCurrent(&user->timestamp);
     if (!view || view->place->output)
         return view;

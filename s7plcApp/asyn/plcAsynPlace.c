@@ -205,8 +205,30 @@ static int measureArray(plcAsynView *view, const plcLink *link, char *error, siz
     return 0;
 }
 
+/* Refuses bytes for which the transport has no place, or not as a whole. An open array ends where
+ * they do. */
+static int checkHeld(plcAsynView *view, int output, size_t offset, plcLinkError *doubt,
+                     char *error, size_t size)
+{
+    unsigned element = view->type->size;
+    size_t fits;
+
+    if (plcStationHolds(view->place->station, output, offset,
+                        view->length ? view->length : element,
+                        view->bit >= 0 ? view->mask : NULL, &fits, error, size)) {
+        if (error[0] && !doubt->text[0])
+            plcLinkWarn(doubt, 0, "%s", error);
+        return 0;
+    }
+    if (!view->open || fits < element)
+        return -1;
+    view->length = fits - fits % element;
+    return 0;
+}
+
 /* Where the PLC shows this output: R=, or the station's mirror of the whole block. */
-static int placeReadback(plcAsynView *view, const plcLink *link, char *error, size_t size)
+static int placeReadback(plcAsynView *view, const plcLink *link, plcLinkError *doubt, char *error,
+                         size_t size)
 {
     long mirror = plcStationMirror(view->place->station);
 
@@ -222,7 +244,9 @@ static int placeReadback(plcAsynView *view, const plcLink *link, char *error, si
                     mirror, mirror + (long)view->offset);
     if (view->hasReadback)
         return checkPlace(view->readback, view->length,
-                          plcStationInSize(view->place->station), "in", error, size);
+                          plcStationInSize(view->place->station), "in", error, size) ||
+                       checkHeld(view, 0, view->readback, doubt, error, size)
+                   ? -1 : 0;
     if (mirror >= 0 && !view->open) {
         view->hasReadback = 1;
         view->readback = mirror + view->offset;
@@ -269,7 +293,9 @@ static int resolve(plcAsynView *view, plcLinkError *doubt, char *error, size_t s
         return -1;
     if (view->bit >= 0)
         plcPutInt(view->type, view->mask, view->order, (epicsInt64)1 << view->bit);
-    return place->output ? placeReadback(view, &place->link, error, size) : 0;
+    if (checkHeld(view, place->output, view->offset, doubt, error, size))
+        return -1;
+    return place->output ? placeReadback(view, &place->link, doubt, error, size) : 0;
 }
 
 /* Tells the station whose bytes these are, and where the PLC shows them. */

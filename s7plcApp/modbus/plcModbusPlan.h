@@ -46,6 +46,14 @@ size_t plcRangeBytes(const plcRange *range);
 int plcRangesParse(const char *text, int output, plcRange **ranges, size_t *size,
                    char *error, size_t errorSize);
 
+/* May a value lie in `length` bytes from `offset` on? `mask` (NULL: all) has the bits of them that it
+ * has: each must be there. All of it must be in one range: what is in two need not come in one request.
+ * A number, which has no mask, may have bits behind the last coil of a range: they read 0. Returns 1,
+ * and a doubt ("": none) where they are written (output); or 0 with a line of what is wrong and what is
+ * allowed, and *fits, how many bytes from `offset` on would do. */
+int plcRangesHold(const plcRange *ranges, unsigned count, size_t offset, size_t length,
+                  const void *mask, int output, size_t *fits, char *error, size_t errorSize);
+
 /* One request of function 1 to 6, 15, 16 or 22. */
 typedef struct plcRequest {
     epicsUInt8 function;

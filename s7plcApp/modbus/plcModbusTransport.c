@@ -128,6 +128,17 @@ static void down(void *pvt)
     plcModbusStop(t->worker);
 }
 
+static int holds(void *pvt, int output, size_t offset, size_t length, const void *mask,
+                 size_t *fits, char *error, size_t errorSize)
+{
+    modbusTransport *t = pvt;
+    const plcModbusOwn *o = &t->own;
+
+    return plcRangesHold(output ? o->outputs : o->inputs,
+                         output ? o->outputCount : o->inputCount, offset, length, mask, output,
+                         fits, error, errorSize);
+}
+
 static int news(void *pvt, plcNews *n, void *input, void *output)
 {
     modbusTransport *t = pvt;
@@ -258,6 +269,7 @@ const plcTransport plcModbusTransport = {
     .up = up,
     .whole = whole,
     .down = down,
+    .holds = holds,
     .news = news,
     .hidden = hidden,
     .refused = refused,

@@ -1072,6 +1072,27 @@ def test_modbus_completion(new_modbus, new_asyn, rtype, dtyp, link, value, regis
     assert ioc.severity("o") == "NO_ALARM"
 
 
+def test_modbus_places(new_modbus, new_asyn):
+    """over Modbus: a drvInfo into a gap, over two ranges or behind the last coil is refused; an open array ends with its range"""
+    peer = new_modbus(size=64)
+    peer.holding[0], peer.holding[2] = 5, 6
+    links = {"gap": "@asyn(A)out 6 T=INT16", "two": "@asyn(A)out 8 T=INT32", "bit": "@asyn(A)out 12 T=UINT8 B=3",
+             "good": "@asyn(A)out 8 T=INT16"}
+    ioc = new_asyn(peer.configure("holding 0 3, holding 10 3 at 8", "holding 10 3, holding 20 1 at 8, holding 30 1, coils 0 3"),
+                   "".join(record("longout", name, "asynInt32", link) for name, link in links.items())
+                   + record("waveform", "open", "asynInt16ArrayIn", "@asyn(A)0", FTVL="SHORT", NELM="20", SCAN="I/O Intr"))
+    for name, message in (("gap", '"out 6 T=INT16": bytes 6 to 7 are in no range; allowed: bytes 0 to 5, 8 to 9, 10 to 11, 12 to 12'),
+                          ("two", '"out 8 T=INT32": bytes 8 to 11 are in two ranges; allowed: a value in one of them: '),
+                          ("bit", '"out 12 T=UINT8 B=3": byte 12 has no bit 3; allowed: bits 0 to 2, which are coils')):
+        ioc.put(name, 1)
+        ioc.wait_alarm(name, "INVALID", "LINK")
+        assert message in ioc.log, message
+    ioc.put("good", 7)
+    ioc.wait_alarm("good", "NO_ALARM")
+    assert peer.holding[20] == 7 and peer.written() == {20}
+    until_equal(lambda: ioc.plain("open"), [5, 0, 6])
+
+
 def test_modbus_order(new_modbus, new_asyn):
     """over Modbus: puts by asyn and by DTYP S7plc leave in the order in which they were made; nothing waits at the end"""
     peer = new_modbus(size=64)

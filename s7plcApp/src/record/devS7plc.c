@@ -50,14 +50,17 @@ static void printRefusal(dbCommon *prec, const char *text, const plcLinkError *e
                  "^");
 }
 
-/* The message without what is allowed: it must fit into AMSG. */
+/* The message without what is allowed, in whole words: it must fit into AMSG. */
 static char *shortReason(const plcLinkError *error)
 {
     char reason[PLC_REASON_SIZE];
     size_t length = strcspn(error->text, ";");
 
-    if (length >= sizeof(reason))
+    if (length >= sizeof(reason)) {
         length = sizeof(reason) - 1;
+        while (length > sizeof(reason) / 2 && error->text[length] != ' ')
+            length--;
+    }
     memcpy(reason, error->text, length);
     reason[length] = 0;
     return epicsStrDup(reason);
@@ -150,6 +153,22 @@ static int checkOffsets(const devRecord *dev, const plcLink *link, plcLinkError 
                 : 0;
 }
 
+/* Refuses a value for which the transport has no place there, or not as a whole. */
+static int checkHeld(const devRecord *dev, int out, size_t offset, size_t column,
+                     plcLinkError *error)
+{
+    epicsUInt8 bits[DEV_SCALAR];
+    char why[400];
+    size_t fits;
+
+    if (!plcStationHolds(dev->station, out, offset, dev->length, devMask(dev, bits), &fits, why,
+                         sizeof(why)))
+        return plcLinkFail(error, column, "%s", why);
+    if (why[0])
+        devWarn(dev->prec, "%s: %s", devSupportOf(dev->prec)->field, why);
+    return 0;
+}
+
 /* Fills dev from the completed link. */
 static int place(dbCommon *prec, devRecord *dev, const plcLink *link, size_t room,
                  plcLinkError *error)
@@ -175,11 +194,13 @@ static int place(dbCommon *prec, devRecord *dev, const plcLink *link, size_t roo
     if (support->prepare && support->prepare(prec, dev, link, error))
         return -1;
     if (checkPlace(dev->offset, dev->length, plcImageSize(dev->image), out ? "out" : "in",
-                   link->column.offset, error))
+                   link->column.offset, error) ||
+        checkHeld(dev, out, dev->offset, link->column.offset, error))
         return -1;
     if (link->has & plcHasR &&
-        checkPlace(link->readback, dev->length, plcStationInSize(dev->station), "in",
-                   link->column.R, error))
+        (checkPlace(link->readback, dev->length, plcStationInSize(dev->station), "in",
+                    link->column.R, error) ||
+         checkHeld(dev, 0, link->readback, link->column.R, error)))
         return -1;
     if (dev->buffered)
         dev->buffer = callocMustSucceed(1, dev->length, "S7plc buffer");

@@ -105,6 +105,12 @@ int plcStationTextOrder(const plcStation *station);
 /* The wire by which values are found by their names in the PLC, for people; NULL: they have
  * offsets. */
 const char *plcStationByName(const plcStation *station);
+
+/* May a value lie in these bytes of the input or output block, as far as its transport knows? As
+ * `holds` of plcTransport.h. The caller has compared them with the sizes before. */
+int plcStationHolds(const plcStation *station, int output, size_t offset, size_t length,
+                    const void *mask, size_t *fits, char *error, size_t errorSize);
+
 size_t plcStationInSize(const plcStation *station);
 size_t plcStationOutSize(const plcStation *station);
 plcImage *plcStationInput(plcStation *station);  /* never NULL */

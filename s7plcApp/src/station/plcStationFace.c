@@ -36,6 +36,17 @@ const char *plcStationByName(const plcStation *s)
     return s->exchange && s->exchange->transport->used ? s->exchange->transport->name : NULL;
 }
 
+int plcStationHolds(const plcStation *s, int output, size_t offset, size_t length,
+                    const void *mask, size_t *fits, char *error, size_t errorSize)
+{
+    const plcExchange *x = s->exchange;
+
+    error[0] = 0;
+    if (!x || !x->transport->holds || (!output && x->line))
+        return 1;
+    return x->transport->holds(x->pvt, output, offset, length, mask, fits, error, errorSize);
+}
+
 size_t plcStationInSize(const plcStation *s)
 {
     return s->inSize;

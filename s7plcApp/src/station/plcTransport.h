@@ -142,6 +142,13 @@ typedef struct plcTransport {
      * Images are as long, up to inSize and outSize. NULL: all of them. */
     size_t (*used)(void *pvt);
 
+    /* May a value lie in these bytes of the input or output image? `mask` (NULL: all) has the bits
+     * of them that it has. Returns 1, and a doubt or ""; or 0 with a line of what is wrong and what is
+     * allowed, and in *fits how many bytes from `offset` on may be one value. NULL: anywhere. Any
+     * thread. */
+    int (*holds)(void *pvt, int output, size_t offset, size_t length, const void *mask,
+                 size_t *fits, char *error, size_t errorSize);
+
     /* Fetches the news. *input and *output, as long as the images, are filled when blocks or
      * shown are not 0. Returns 0 when there is none. */
     int (*news)(void *pvt, plcNews *news, void *input, void *output);
