@@ -463,9 +463,11 @@ static void testRefusals(void)
     accept(&c);
     testOk(c.room == 502, "and a message has 502");
     c = upToOpening("1,0");
+    id = c.session.opening.id;
     answerStep(&c, 0x01, "09 01 D0 07");
     testOk(c.step == eipStepLarge && c.session.opening.size == 2000 && c.learned,
            "the size that the refusal names: 2000 bytes");
+    testOk(c.session.opening.id != id, "with another number: the PLC may remember the first one");
     accept(&c);
     testOk(c.room == 1998, "and a message has 1998");
     c = upToOpening("1,0");

@@ -164,6 +164,7 @@ static void testStrings(void)
     testOk(eipTextPut(eipStringCode, raw, 50, 0, "abc", 3) == 5 &&
                memcmp(raw, "\3\0abc", 5) == 0,
            "STRING D0 has a length of two bytes");
+    testOk(eipTextPut(eipStringCode, raw, 4, 0, "abc", 3) == 0, "but not more than the tag has bytes for");
     testOk(eipTextPut(eipShortString, raw, 50, 0, "abc", 3) == 4 &&
                memcmp(raw, "\3abc", 4) == 0,
            "SHORT_STRING of one");
@@ -252,6 +253,51 @@ static void testNames(void)
         testOk(strcmp(hex, names[i].path) == 0 && eipPathBytes(name.base, 0) == w.n,
                "its path is %s", hex);
     }
+}
+
+/* What is wrong with a name, and where, in whole words. */
+static const struct {
+    const char *text;
+    int base0;
+    size_t column;
+    const char *error;
+} badNames[] = {
+    {"",           0, 0, "a name is missing at the end of the tag"},
+    {"a.",         0, 2, "a name is missing at the end of the tag"},
+    {"a[1].{b",    0, 5,
+     "'{' is not possible in a tag; allowed: letters, digits, _ : with . and [index] between names"},
+    {".a",         0, 0,
+     "'.' is not possible in a tag; allowed: letters, digits, _ : with . and [index] between names"},
+    {"a{b",        0, 1, "'{' is not possible here; allowed: . or the end"},
+    {"a$b",        0, 1, "'$' is not possible here; allowed: . or the end"},
+    {"a[1]b",      0, 4, "'b' is not possible here; allowed: . or the end"},
+    {"a[1",        0, 1, "\"[1\" does not end with ]"},
+    {"a[0x10]",    0, 1, "\"[0x10]\" does not end with ]"},
+    {"a[1,2,3,4]", 0, 8, "more than 3 dimensions; allowed: [i], [i,j], [i,j,k]"},
+    {"a[-1]",      0, 2, "no number in the index; allowed: [0] to [4294967295]"},
+    {"tag.64",     0, 4, "bit 64; allowed: 0 to 63"},
+    {"a.5b",       0, 2, "\"5b\" is no name: it begins with a digit"},
+};
+
+static void testBadNames(void)
+{
+    char text[300], error[200];
+    size_t i, column;
+    eipName name;
+
+    for (i = 0; i < COUNT(badNames); i++) {
+        int status = eipNameParse(badNames[i].text, badNames[i].base0, &name, &column, error, sizeof(error));
+
+        testOk(status == -1 && column == badNames[i].column && strcmp(error, badNames[i].error) == 0,
+               "\"%s\" at %u: %s", badNames[i].text, (unsigned)column, error);
+    }
+    memset(text, 'a', sizeof(text));
+    text[255] = 0;
+    testOk(eipNameParse(text, 0, &name, &column, error, sizeof(error)) == 0, "255 characters are a tag");
+    strcpy(text + 255, "a");
+    testOk(eipNameParse(text, 0, &name, &column, error, sizeof(error)) == -1 &&
+               strcmp(error, "the tag has more than 255 characters") == 0,
+           "256 are not: %s", error);
 }
 
 static void testInstances(void)
@@ -863,6 +909,39 @@ static void testLinks(void)
     }
 }
 
+/* What is wrong with a link, and where, in whole words. */
+static const struct {
+    const char *text;
+    size_t column;
+    const char *error;
+} badLinks[] = {
+    {"@plc tag B 1.5", 10, "B 1.5 is no bit; allowed: B, a blank, 0 to 63"},
+    {"@plc tag force", 9,
+     "\"force\" is no flag; allowed: E, S seconds, B bit, FORCE, or one of PLC_ERRORS PLC_TASK_SLOW "
+     "LIST_ERRORS LIST_TICKS LIST_TIME LIST_SCAN_TIME LIST_MIN_SCAN_TIME LIST_MAX_SCAN_TIME "
+     "TAG_TRANSFER_TIME"},
+};
+
+static void testBadLinks(void)
+{
+    char text[300] = "@plc ", error[400];
+    size_t i, column;
+    eipLink l;
+
+    for (i = 0; i < COUNT(badLinks); i++) {
+        int status = eipLinkParse(badLinks[i].text, &l, &column, error, sizeof(error));
+
+        testOk(status == -1 && column == badLinks[i].column && strcmp(error, badLinks[i].error) == 0,
+               "\"%s\" at %u: %s", badLinks[i].text, (unsigned)column, error);
+    }
+    for (i = 0; i < 127; i++)
+        strcat(text, "a.");
+    strcat(text, "a");
+    testOk(eipLinkParse(text, &l, &column, error, sizeof(error)) == -1 && column == 5 &&
+               strcmp(error, "the tag has no path of at most 510 bytes") == 0,
+           "128 names of one letter: %s", error);
+}
+
 static void testPlaces(void)
 {
     eipPlaces *p = eipPlacesCreate(64);
@@ -912,6 +991,7 @@ MAIN(eipTagsTest)
     testReals();
     testStrings();
     testNames();
+    testBadNames();
     testInstances();
     testLongName();
     testPack();
@@ -924,6 +1004,7 @@ MAIN(eipTagsTest)
     testTexts();
     testSet();
     testLinks();
+    testBadLinks();
     testPlaces();
     return testDone();
 }

@@ -605,6 +605,53 @@ static void arithmetic(void)
     plcPointersFree(table);
 }
 
+/* What a PLC may say is wrong, in the words of docs/plc-tables.md; of what is below 20 with the row. */
+static const struct {
+    int error;
+    const char *reason;
+} wrongs[] = {
+    {1, "row 2: no pointer to 1 to 1024 bytes"},
+    {2, "row 2: area is neither DB nor M"},
+    {3, "row 2: not on a byte boundary"},
+    {4, "row 2: no such data block"},
+    {5, "row 2: memory that the PLC does not allow"},
+    {6, "row 2: beyond the end of the data block"},
+    {7, "row 2: source and destination differ in length"},
+    {8, "row 2: not in the data of IE_TX or IE_RX"},
+    {9, "row 2: bytes that another row has too"},
+    {10, "row 2: a setpoint that no TX row shows"},
+    {21, "a part is missing"},
+    {22, "a part is too long"},
+    {23, "the table is incomplete"},
+    {24, "the CRC is wrong"},
+    {25, "unknown command"},
+    {26, "the PLC's tables are locked"},
+    {27, "PLC in LOCAL"},
+    {28, "more rows than the PLC has"},
+    {29, "no part for 5 s"},
+};
+
+#define WRONGS (sizeof(wrongs) / sizeof(wrongs[0]))
+
+static void errorWords(void)
+{
+    epicsUInt8 block[IN];
+    size_t i;
+
+    for (i = 0; i < WRONGS; i++) {
+        shown s = {10, 1, 4, wrongs[i].error, 2, 0, 20, 6, 4};
+        plcTables t;
+
+        plcTablesInit(&t, plcMapDownload, ours, ourSize, OUT);
+        t.state = plcTablesLoading;
+        t.session = 6;
+        statusBlock(block, &s);
+        plcTablesBlock(&t, block, 1);
+        testOk(t.state == plcTablesRefused && strcmp(t.reason, wrongs[i].reason) == 0, "error %d: %s",
+               wrongs[i].error, t.reason);
+    }
+}
+
 static void words(void)
 {
     plcTables t;
@@ -629,7 +676,7 @@ MAIN(tablesTest)
     char error[300];
     plcPointers *table;
 
-    testPlan(EVENTS + 7 + 3 + 4 + 2 + 2);
+    testPlan(EVENTS + 7 + 3 + 4 + 2 + 2 + WRONGS);
     table = read(goodFile, error, sizeof(error));
     ours = table->bytes;
     ourSize = table->size;
@@ -639,6 +686,7 @@ MAIN(tablesTest)
     walk(argc > 1 ? atoi(argv[1]) : 7, 400000);
     arithmetic();
     words();
+    errorWords();
     plcPointersFree(table);
     return testDone();
 }
