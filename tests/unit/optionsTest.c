@@ -182,6 +182,9 @@ static void testTexts(void)
     plcOptionsSet(&options, "heartbeat", "-1", 0, error, sizeof(error));
     testOk(strcmp(error, "option heartbeat=-1; allowed: 0, or 1 to 3600000 ms") == 0,
            "a number says its range and unit: %s", error);
+    plcOptionsSet(&options, "layout", "-1", 0, error, sizeof(error));
+    testOk(strcmp(error, "option layout=-1; allowed: 0 to 65535") == 0,
+           "a number without a unit its range alone: %s", error);
     plcOptionsSet(&options, "scan", "x", 0, error, sizeof(error));
     testOk(strcmp(error, "option scan=x; allowed: all|changed") == 0,
            "a choice says its words: %s", error);
@@ -300,7 +303,7 @@ MAIN(optionsTest)
 {
     size_t i;
 
-    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 18);
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 19);
     phoenixPairInit();
 #ifdef WITH_MODBUS
     plcOptionsAdd(&plcModbusOptionTable);

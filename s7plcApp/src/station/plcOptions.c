@@ -210,8 +210,9 @@ static void describe(const plcOptionRow *row, char *text, size_t size)
     switch (row->kind) {
     case plcOptNumber:
     case plcOptPeriod:
-        epicsSnprintf(text, size, "%s%.10g to %.10g %s",
-                      row->kind == plcOptPeriod ? "0, or " : "", row->min, row->max, row->unit);
+        epicsSnprintf(text, size, "%s%.10g to %.10g%s%s",
+                      row->kind == plcOptPeriod ? "0, or " : "", row->min, row->max,
+                      row->unit ? " " : "", row->unit ? row->unit : "");
         break;
     case plcOptChoice:
         epicsSnprintf(text, size, "%s", row->words);

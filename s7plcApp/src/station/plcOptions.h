@@ -74,7 +74,7 @@ typedef struct plcOptionRow {
     size_t field;  /* where in the struct of its table */
     size_t second; /* where the word after the comma goes; 0: there is none */
     double min, max;
-    const char *unit;
+    const char *unit; /* NULL: a number without one */
     const char *words; /* "keep|reject" */
     double initial;
     int early; /* only before iocInit */
