@@ -21,7 +21,7 @@ static const simKey keys[] = {
 #define AT(member) offsetof(simBlockKeys, member)
     {.name = "port", .kind = keyOrNone, .offset = AT(port), .max = 65535,
      .initial = "2000", .choices = "off",
-     .help = "TCP port (default 2000), 0 = any free one"},
+     .help = "TCP port, 0 = any free one"},
     {.name = "clients", .kind = keyChoice, .offset = AT(keepFirst),
      .initial = "replace", .choices = "replace|keep",
      .help = "a second connection replaces the first, or is closed"},

@@ -210,9 +210,12 @@ static void helpTable(const simKeyTable *table, simText *out)
     for (i = 0; i < table->count; i++) {
         const simKey *key = &table->keys[i];
 
-        snprintf(what, sizeof(what), "%s = %s", key->name,
-                 key->choices ? key->choices : key->initial);
-        simTextAdd(out, "  %-26s %s\n", what, key->help);
+        snprintf(what, sizeof(what), "%s = %s", key->name, key->initial);
+        simTextAdd(out, "  %-26s %s%s%s\n", what, key->help,
+                   !key->choices            ? ""
+                   : key->kind == keyChoice ? "; "
+                                            : ", or ",
+                   key->choices ? key->choices : "");
     }
 }
 

@@ -15,7 +15,7 @@ static const simKey keys[] = {
      .initial = "off", .choices = "off", .help = "Modbus/TCP port, 0 = any free one"},
     {.name = "modbus_unit", .kind = keyOrNone, .offset = AT(unit), .max = 255,
      .initial = "1", .choices = "any",
-     .help = "unit id that is answered (default 1), or any"},
+     .help = "unit id that is answered"},
     {.name = "modbus_otherunit", .kind = keyChoice, .offset = AT(gateway),
      .initial = "silence", .choices = "silence|exception",
      .help = "what a request for another unit gets: nothing, or exception 11"},
