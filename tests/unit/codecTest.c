@@ -609,6 +609,7 @@ static void testTexts(void)
 
 static void testTextOrders(void)
 {
+    static const char *const names[] = {"ABCD", "BADC", "CDAB", "DCBA", "A0", "0A"};
     char text[20], bytes[20], all[20], back[20];
     size_t i, chars, length;
     int order;
@@ -632,6 +633,7 @@ static void testTextOrders(void)
                "%s: not more than there is room for", ordered[i].title);
     }
     for (order = plcTextABCD; order <= plcText0A; order++) {
+        testOk(strcmp(plcTextOrderName(order), names[order]) == 0, "the name of W=%s", names[order]);
         length = plcTextBytes(order, 8);
         for (i = 0; i < sizeof(all); i++)
             all[i] = (char)('a' + i % 3);
@@ -652,7 +654,7 @@ MAIN(codecTest)
 
     testPlan(48 + 1 + 36 + 9 + 15 + 4 * 37 + 4 * 9 + 13 + 5 + 2 * 9 +
              4 * 3 * (int)WORD_ORDERS + 2 + 2 + 14 +
-             3 * (int)(sizeof(ordered) / sizeof(ordered[0])) + 6);
+             3 * (int)(sizeof(ordered) / sizeof(ordered[0])) + 12);
     testDiag("Names");
     testNames();
     testDiag("Table");

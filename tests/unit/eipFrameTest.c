@@ -84,15 +84,18 @@ static const struct {
 
 static void testRoutes(void)
 {
-    char error[200];
+    char error[200], wanted[200];
     eipRoute route;
     size_t i;
 
     for (i = 0; i < COUNT(routes); i++) {
         int status = eipRouteParse(routes[i].text, &route, error, sizeof(error));
 
+        epicsSnprintf(wanted, sizeof(wanted),
+                      "route \"%s\"; allowed: port,link,port,link ... as 1,0 or 1,6,18,10.0.0.4,1,0; or -1",
+                      routes[i].text);
         if (!routes[i].bytes)
-            testOk(status == -1, "route \"%s\" is refused: %s", routes[i].text, error);
+            testOk(status == -1 && strcmp(error, wanted) == 0, "refused: %s", error);
         else
             isBytes(routes[i].text[0] ? routes[i].text : "no route", route.bytes,
                     route.length, routes[i].bytes);
@@ -509,7 +512,8 @@ static void testSteps(void)
     c = connectOf("1,0", 0);
     testOk(answerStep(&c, 0,
                       "01 00 00 01 14 00 01 00 00 01 43 6F 6D 6D 75 6E 69 63 61 74 69 6F 6E"
-                      "73 00 00") == -1,
+                      "73 00 00") == -1 &&
+               strcmp(why, "no CIP over TCP there") == 0,
            "a server without CIP over TCP is refused: %s", why);
     c = connectOf("1,0", 0);
     testOk(answerStep(&c, 0, "01 00 00 01 02 00 AA BB") == 0 && c.step == eipStepRegister,
@@ -518,7 +522,8 @@ static void testSteps(void)
     eipConnectNext(&c, frame, sizeof(frame));
     eipSetUnsigned(frame + 8, 4, 1);
     eipSetUnsigned(frame + 4, 4, 9);
-    testOk(eipConnectTake(&c, frame, 28, why, sizeof(why)) == -1,
+    testOk(eipConnectTake(&c, frame, 28, why, sizeof(why)) == -1 &&
+               strcmp(why, "session refused: command not known to") == 0,
            "a session that is refused ends it: %s", why);
     c = connectOf("1,0", 0);
     answerStep(&c, 0, services);
@@ -535,6 +540,83 @@ static void testSteps(void)
     answerStep(&c, 0, "01 00 00 00");
     answerStep(&c, 0x08, NULL);
     testOk(c.step == eipStepLarge && !c.identity.known, "a PLC without identity is good, too");
+}
+
+/* Each status in words; what stands for any extended status has none here. */
+static const struct {
+    unsigned status, extended;
+    const char *text;
+} statusWords[] = {
+    {0x01, 0x0100, "connection in use (01 0100)"},
+    {0x01, 0x0107, "connection not known (01 0107)"},
+    {0x01, 0x0109, "connection size refused (01 0109)"},
+    {0x01, 0x0113, "no connection left in the PLC (01 0113)"},
+    {0x01, 0x0203, "connection timed out (01 0203)"},
+    {0x01, 0x0204, "no answer from the controller (01 0204)"},
+    {0x01, 0x0205, "error on the way to the slot (01 0205)"},
+    {0x01, 0x0311, "no such port in the route (01 0311)"},
+    {0x01, 0x0312, "no module in that slot (01 0312)"},
+    {0x01, 0x0315, "route not understood (01 0315)"},
+    {0x01, 0x0318, "route leads back to itself (01 0318)"},
+    {0x01, 0, "connection failed (01)"},
+    {0x02, 0, "PLC has no resources left (02)"},
+    {0x03, 0, "value not valid (03)"},
+    {0x04, 0, "no such tag or member (04)"},
+    {0x05, 0, "no such tag (05)"},
+    {0x06, 0, "does not fit one answer (06)"},
+    {0x08, 0, "PLC has no such service (08)"},
+    {0x09, 0, "attribute value not valid (09)"},
+    {0x0a, 0, "attribute not known (0A)"},
+    {0x0c, 0, "not possible in this state (0C)"},
+    {0x0d, 0, "exists already (0D)"},
+    {0x0e, 0, "cannot be written (0E)"},
+    {0x0f, 0, "no right to access it (0F)"},
+    {0x10, 0x2101, "key switch is not in REM (10 2101)"},
+    {0x10, 0, "not possible in this mode (10)"},
+    {0x11, 0, "answer too long (11)"},
+    {0x13, 0, "PLC got too few data (13)"},
+    {0x14, 0, "attribute not supported (14)"},
+    {0x15, 0, "PLC got too many data (15)"},
+    {0x16, 0, "no such object (16)"},
+    {0x1e, 0, "one of several has failed (1E)"},
+    {0x20, 0, "parameter not valid (20)"},
+    {0x26, 0, "path size not valid (26)"},
+    {0xff, 0x2104, "offset beyond the end (FF 2104)"},
+    {0xff, 0x2105, "index beyond the end (FF 2105)"},
+    {0xff, 0x2107, "type of tag is another one (FF 2107)"},
+    {0xff, 0x210a, "tag name not understood (FF 210A)"},
+    {0xff, 0, "general error (FF)"},
+    {0x01, 0x0999, "connection failed (01 0999)"},
+    {0x77, 0, "error (77)"},
+    {0x77, 0x1234, "error (77 1234)"},
+};
+
+static const struct {
+    epicsUInt32 status;
+    const char *text;
+} frameWords[] = {
+    {0x00, "success"},
+    {0x01, "command not known to the PLC"},
+    {0x02, "no memory left in the PLC"},
+    {0x03, "data not understood by the PLC"},
+    {0x64, "session not known to the PLC"},
+    {0x65, "length not understood by the PLC"},
+    {0x69, "protocol revision not supported"},
+    {0x66, "encapsulation error"},
+};
+
+static void testStatusWords(void)
+{
+    char text[60];
+    size_t i;
+
+    for (i = 0; i < COUNT(statusWords); i++) {
+        eipStatusText(statusWords[i].status, statusWords[i].extended, text, sizeof(text));
+        testOk(strcmp(text, statusWords[i].text) == 0, "%s", text);
+    }
+    for (i = 0; i < COUNT(frameWords); i++)
+        testOk(strcmp(eipFrameStatusText(frameWords[i].status), frameWords[i].text) == 0,
+               "of a frame: %s", eipFrameStatusText(frameWords[i].status));
 }
 
 static void testWords(void)
@@ -565,5 +647,6 @@ MAIN(eipFrameTest)
     testRefusals();
     testSteps();
     testWords();
+    testStatusWords();
     return testDone();
 }

@@ -215,7 +215,8 @@ static void testConnect(void)
            "500 bytes, where small connections are not stood: none");
     c = connectAt(eipStepSmall, 0);
     testOk(answered(&c, "D4 00 00 00 01 00 00 00 02 00 00 00 03 00 04 00 05 00 00 00 00 00 00 00"
-                        " 00 00 00 00 00 00") == -1,
+                        " 00 00 00 00 00 00") == -1 &&
+               strcmp(why, "answer to another connection") == 0,
            "an answer to another opening ends it: %s", why);
     c = connectAt(eipStepList, 0);
     eipConnectNext(&c, frame, sizeof(frame));

@@ -915,6 +915,11 @@ static const struct {
     size_t column;
     const char *error;
 } badLinks[] = {
+    {"", 0, "no PLC; allowed: @PLC tag [flags]"},
+    {"@plc", 4, "no tag; allowed: @PLC tag [flags]"},
+    {"@plc tag S x", 11, "S x is no number for it; allowed: S, a blank, 0 to 86400"},
+    {"@plc tag B 64", 11, "B 64 is no number for it; allowed: B, a blank, 0 to 63"},
+    {"@plc tag.1 B 2", 5, "a bit in the tag (.1) and B 2; allowed: one of them"},
     {"@plc tag B 1.5", 10, "B 1.5 is no bit; allowed: B, a blank, 0 to 63"},
     {"@plc tag force", 9,
      "\"force\" is no flag; allowed: E, S seconds, B bit, FORCE, or one of PLC_ERRORS PLC_TASK_SLOW "

@@ -258,6 +258,8 @@ static const struct {
     {"a string of three with two",      eipTextPlace,  eipStringCode,    1, eipTextYes,     "03 00 61 62", "its length is more than the string has"},
     {"a structure that is no string",   eipTextPlace,  eipStructureCode, 4, eipTextNo,      "01 00 00 00", "the tag is a structure, no string" },
     {"what may be a string",            eipTextPlace,  eipStructureCode, 6, eipTextPerhaps, "01 00 00 00 41 00", NULL                          },
+    {"what may be one and is none",     eipTextPlace,  eipStructureCode, 6, eipTextPerhaps, "09 00 00 00 41 00",
+     "the tag is a structure, no string"                                                                                                 },
     {"a string as array",               eipArrayPlace, eipStringCode,    1, eipTextYes,     "00",          "the tag is no array of numbers"    },
     {"an array of one LINT",            eipArrayPlace, 0xc5,             8, eipTextYes,     "01 02 03 04 05 06 07 08", NULL                    },
 };

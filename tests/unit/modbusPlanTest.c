@@ -98,6 +98,9 @@ static const struct {
     {"discrete 0 1", 1, "range 1 \"discrete 0 1\": table \"discrete\"; allowed: holding, coils"},
     {"holding", 0, "range 1 \"holding\": start is missing; allowed: 0 to 65535"},
     {"holding 1", 0, "range 1 \"holding 1\": count is missing; allowed: 1 to 65535"},
+    {"40001 10", 0,
+     "range 1 \"40001 10\": table \"40001\": 4xxxx is holding, 3xxxx input, 1xxxx discrete, 0xxxx coils, "
+     "and they count from 1: 40001 is \"holding 0\""},
     {"holding -1 1", 0, "range 1 \"holding -1 1\": start \"-1\"; allowed: 0 to 65535"},
     {"holding 65536 1", 0, "range 1 \"holding 65536 1\": start \"65536\"; allowed: 0 to 65535"},
     {"holding 1.5 1", 0, "range 1 \"holding 1.5 1\": start \"1.5\"; allowed: 0 to 65535"},

@@ -470,7 +470,10 @@ static void tables(void)
     plcSyncMap(&s, local, 1);
     testOk(s.state == plcSyncMapDownload && *plcSyncReason(s.state) && plcSyncMaySend(&s) && s.flags == 0,
            "it gets ours: parts of it are sent, no put passes");
-    testOk(strcmp(plcSyncReason(plcSyncMapMismatch), "PLC has another table of pointers") == 0 &&
+    testOk(strcmp(plcSyncReason(plcSyncDisconnected), "not synchronised: PLC not connected") == 0 &&
+               strcmp(plcSyncReason(plcSyncWaiting), "not synchronised: no block yet") == 0 &&
+               strcmp(plcSyncReason(plcSyncChecking), "not synchronised: PLC checks") == 0 &&
+               strcmp(plcSyncReason(plcSyncMapMismatch), "PLC has another table of pointers") == 0 &&
                strcmp(plcSyncReason(plcSyncMapDownload), "PLC is getting its table of pointers") == 0 &&
                strcmp(plcSyncReason(plcSyncLayoutMismatch), "layout ids of PLC and IOC differ") == 0 &&
                strcmp(plcSyncReason(plcSyncLocal), "PLC in LOCAL") == 0 &&
@@ -478,6 +481,12 @@ static void tables(void)
            "what a refused put is told, by the state");
     testOk(strcmp(plcSyncStateName(plcSyncMapDownload), "map download") == 0 &&
                strcmp(plcSyncStateName(plcSyncDisconnected), "disconnected") == 0 &&
+               strcmp(plcSyncStateName(plcSyncWaiting), "waiting") == 0 &&
+               strcmp(plcSyncStateName(plcSyncChecking), "checking") == 0 &&
+               strcmp(plcSyncStateName(plcSyncSynced), "synced") == 0 &&
+               strcmp(plcSyncStateName(plcSyncLocal), "LOCAL") == 0 &&
+               strcmp(plcSyncStateName(plcSyncLayoutMismatch), "layout mismatch") == 0 &&
+               strcmp(plcSyncStateName(plcSyncMapMismatch), "map mismatch") == 0 &&
                strcmp(plcSyncStateName(-1), "?") == 0 &&
                strcmp(plcSyncStateName(plcSyncMapDownload + 1), "?") == 0,
            "states have names, and no others have");
