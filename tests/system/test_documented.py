@@ -1,0 +1,228 @@
+"""Tables of the documents, row by row, against what the programs say themselves."""
+import re
+import subprocess
+
+import pytest
+
+from client import ARCH, TOP
+from ioc import errors_in
+
+PLCSIM = TOP / "bin" / ARCH / "plcSim"
+
+
+def table(page, *head):
+    """The cells of each row of all tables of a page whose heads begin so; marks of code are left out."""
+    rows, inside = [], False
+    for line in (TOP / "docs" / page).read_text().splitlines():
+        cells = [cell.strip().replace("`", "").replace("\\|", "|")
+                 for cell in re.split(r"(?<!\\)\|", line)[1:-1]] if line.startswith("|") else None
+        if not cells:
+            inside = False
+        elif cells[:len(head)] == list(head):
+            inside = True
+        elif inside and not set(line) <= set("|- "):
+            rows.append(cells)
+    assert rows, f"no table {head} in {page}"
+    return rows
+
+
+# --- Options -----------------------------------------------------------------------------------
+
+def printed_options(text):
+    """{option: (default, what is allowed)} of what s7plcSetOption prints"""
+    return {name: (default, allowed) for name, default, allowed in
+            re.findall(r"^  (\w+) +(\S+) .*\n +allowed: (.+)$", text, re.M)}
+
+
+def same_range(documented, printed):
+    """"0, 1 ... 10 ms" is "0, or 1 to 10 ms"; "a, b" is "a|b"; an offset has words of its own."""
+    if "..." in documented:
+        return documented.replace(" ... ", " to ").replace("0, ", "0, or ").replace("off, ", "off, or register ") == \
+            re.sub(r" (registers|bits)$", "", printed)
+    if documented.startswith("off, offset"):
+        words = re.findall(r"[A-Z]{2,}", documented)
+        return printed.startswith("off, or byte offset") and all(word in printed for word in words)
+    return documented.replace(", ", "|") == printed
+
+
+def test_options(new_ioc):
+    """docs/options.md has each option that an IOC prints, with its range, its default and when it can be set"""
+    text = "".join(new_ioc("", "", program=program).command("s7plcSetOption")
+                   for program in ("s7plcIoc", "phoenixIoc"))
+    printed, wrong = printed_options(text), []
+    rows = table("options.md", "option", "allowed", "default")
+    assert {row[0].split()[0] for row in rows} == set(printed)
+    for name, allowed, default, _ in rows:
+        key = name.split()[0]
+        shown = re.match(r"[^ ;]+", default)[0]
+        early = re.search(rf"^  {key} .*\(before iocInit\)$", text, re.M)
+        if default != "as configured" and shown != printed[key][0] or not same_range(allowed, printed[key][1]) \
+                or bool(early) != ("†" in name):
+            wrong.append((name, allowed, default, printed[key]))
+    assert not wrong
+
+
+# --- Types and links ------------------------------------------------------------------------------
+
+def messages(ioc):
+    """{record: what the log says of its link}"""
+    return dict(re.findall(rf'"{ioc.P}(\w+)" INP: (.+)', ioc.log))
+
+
+def record_for(kind, name, link):
+    extra = ' field(FTVL, "UCHAR") field(NELM, "1")' if kind == "waveform" else ""
+    return f'record({kind}, "$(P){name}") {{ field(DTYP, "S7plc") field(INP, "{link}"){extra} }}\n'
+
+
+def fits(kind, size):
+    return {"STRING": "stringin", "S7STRING": "stringin", "TIME": "waveform"}.get(kind) or \
+        ("int64in" if size == "8" and "INT" in kind else "ai")
+
+
+def test_types(new_ioc):
+    """records.md: each type and each of its other names has its bytes, and the limits that the table says"""
+    rows, db = table("records.md", "type", "also", "bytes", "values"), ""
+    for kind, also, size, _, limits in rows:
+        length = " L=5" if size.startswith("L") else ""
+        for name in (kind, *also.split()):
+            db += record_for(fits(kind, size), f"n{name}", f"@PLC/100 T={name}{length}")
+            db += record_for("mbbi" if "STRING" in kind else "stringin", f"k{name}", f"@PLC/0 T={name}")
+        if re.match(r"^[−\d]", limits):
+            db += (f'record(ai, "$(P)r{kind}") {{ field(DTYP, "S7plc") field(INP, "@PLC/0 T={kind}") '
+                   'field(LINR, "LINEAR") field(EGUL, "0") field(EGUF, "1") }\n')
+    ioc = new_ioc('s7plcConfigure PLC, "", 0, 8, 0', db)
+    said = messages(ioc)
+    for kind, also, size, _, limits in rows:
+        size = str(eval(size, {"L": 5}))  # a number, L, or L+2
+        for name in (kind, *also.split()):
+            assert f"100 + {size} bytes exceed the input block" in said[f"n{name}"], name
+            assert f"T={kind} does not fit" in said[f"k{name}"], name
+        if re.match(r"^[−\d]", limits):
+            slope, offset = ioc.get(f"r{kind}.ESLO"), ioc.get(f"r{kind}.EOFF")
+            low = round(-offset / slope)
+            assert limits.replace("−", "-") == f"{low}, {round(low + 1 / slope)}", kind
+
+
+def test_aliases(new_ioc):
+    """cheatsheet.md: each alias is the type that the table says"""
+    pairs = [(alias, cells[i + 1]) for cells in table("cheatsheet.md", "alias", "is", "alias", "is")
+             for i in (0, 2) for alias in cells[i].split()]
+    ioc = new_ioc('s7plcConfigure PLC, "", 0, 8, 0',
+                  "".join(record_for("stringin", f"k{alias}", f"@PLC/0 T={alias}") for alias, _ in pairs))
+    said = messages(ioc)
+    assert len(pairs) > 10
+    assert not [(alias, kind) for alias, kind in pairs if f"T={kind} does not fit" not in said[f"k{alias}"]]
+
+
+OUTPUTS = {"ao", "bo", "longout", "int64out", "mbbo", "mbboDirect", "calcout", "stringout", "lso", "aao"}
+VALUES = {"EGUL": "0", "EGUF": "100", "NELM": "4"}
+
+
+def cheat_records():
+    """A record of each kind for each link of the cheat sheet; what stands beside a link are fields of it."""
+    number = 0
+    for dtyp, head in ("S7plc", "S7"), ("EtherIP", "tag of a controller ([EtherNet/IP](etherip.md))"):
+        for _, link, kinds in table("cheatsheet.md", head, "link", "record"):
+            links = [part for part in link.split(", ") if part.startswith(("@", "T="))]
+            links = [part if part.startswith("@") else f"@PLC/4 {part}" for part in links]
+            fields = [part.split() for part in link.split(", ") if not part.startswith(("@", "T="))]
+            words = "".join(f' field({f[0]}, "{f[1] if len(f) > 1 else VALUES[f[0]]}")' for f in fields)
+            for place in links:
+                for kind in re.findall(r"\w+", kinds):
+                    size = ' field(SIZV, "100")' if kind in ("lsi", "lso") else ""
+                    field = "OUT" if kind in OUTPUTS else "INP"
+                    number += 1
+                    yield (f'record({kind}, "$(P)c{number}") {{ field(DTYP, "{dtyp}") '
+                           f'field({field}, "{place}"){words}{size} }}\n')
+
+
+def test_cheat_sheet(new_ioc):
+    """cheatsheet.md: each link is taken by each record that stands beside it, without a word"""
+    records = list(cheat_records())
+    assert len(records) > 50
+    ioc = new_ioc('s7plcConfigure PLC, "", 0, 64, 64\ndrvEtherIP_define_PLC plc, "127.0.0.1:1", 0', "".join(records))
+    assert not [line for line in errors_in(ioc.log) if f"{ioc.P}c" in line]
+    assert not [n for n in range(1, len(records) + 1) if ioc.get(f"c{n}.STAT", as_string=True) == "LINK"]
+
+
+# --- plcSim ---------------------------------------------------------------------------------------
+
+def sim_help():
+    return subprocess.run([PLCSIM, "--help"], capture_output=True, text=True, check=True).stdout
+
+
+def documented_keys():
+    """[(key, default, meaning)] of all tables of keys"""
+    for names, default, meaning in table("plcsim.md", "key", "default", "meaning"):
+        names = names.split(", ")
+        defaults = default.split(", ") if len(names) > 1 and default else [default] * len(names)
+        yield from ((name, value, meaning) for name, value in zip(names, defaults))
+
+
+def test_keys():
+    """plcsim.md has each key that `plcSim --help` prints, with its default"""
+    printed = dict(re.findall(r"^  (\w+) = ?(\d+ m?s(?= )|\S*)", sim_help(), re.M))
+    documented = {name: "" if value == "address + 1" else value for name, value, _ in documented_keys()}
+    assert (printed.pop("tx_ptrs"), printed.pop("rx_ptrs")) == ("3", "4")  # which stand in the text
+    assert documented == printed
+
+
+RANGE = re.compile(r"(\d+) \.\.\. (\d+)(?! *[a-z])")
+
+
+@pytest.mark.parametrize("key, low, high", [(key, *map(int, RANGE.search(meaning).groups()))
+                                            for key, _, meaning in documented_keys() if RANGE.search(meaning)])
+def test_range_of_key(tmp_path, key, low, high):
+    """plcsim.md: {key} takes {low} to {high}, and no more"""
+    def takes(value):
+        (tmp_path / "x.plc").write_text(f"{key} = {value}\n")
+        run = subprocess.run([PLCSIM, "--check", tmp_path / "x.plc"], capture_output=True, text=True, timeout=60)
+        return run.returncode == 0, run.stdout + run.stderr
+
+    for value in low, high:
+        assert takes(value)[0], takes(value)
+    for value in low - 1, high + 1:
+        good, text = takes(value)
+        assert not good and key in text, text
+
+
+def first_words(cells):
+    """The commands of a cell: "`a <x>`, `b [y]`" has a and b."""
+    return {word.split()[0] for part in re.split(r", (?=[a-z])", cells) for word in [part] if word[0].islower()}
+
+
+def test_commands(new_sim):
+    """plcsim.md has each command of the console, and the console has each of those"""
+    sim = new_sim("in = 4\nout = 4\nbyteorder = little\nmodbus_port = 0\netherip_port = 0")
+    printed = {line.split()[0] for line in sim.command("help").splitlines()}
+    documented = set()
+    for head in ("command", "meaning"), ("command", "what happens"), ("statement, command", "meaning"):
+        for cells in table("plcsim.md", *head):
+            documented |= first_words(cells[0])
+    assert printed - documented == set()
+    assert documented - printed == {"allow", "first", "second"}  # a statement, and those of a pair
+
+
+def test_arguments():
+    """plcsim.md: each option of the command line stands in --help, and no other"""
+    options = re.compile(r"(-\w), (--[\w-]+)")
+    documented = {options.match(row[0]).groups() for row in table("plcsim.md", "option", "meaning")}
+    assert documented == set(options.findall(sim_help()))
+
+
+# --- Statistics -----------------------------------------------------------------------------------
+
+STRINGS = ["ZRST", "ONST", "TWST", "THST", "FRST", "FVST", "SXST", "SVST", "EIST", "NIST"]
+
+
+@pytest.mark.parametrize("statistic, file", [("state", "s7plcStation.db"), ("setpoints", "s7plcStation.db"),
+                                             ("syncState", "s7plcSync.db"), ("mapState", "s7plcTables.db")])
+def test_states(statistic, file):
+    """statistics.md: the numbers of {statistic} mean what the texts of its record say"""
+    meaning = next(row[2] for row in table("statistics.md", "name", "", "meaning") if row[0] == statistic)
+    documented = {int(n): text.strip() for n, text in re.findall(r"(\d) ([a-zA-Z][^,:(]*)", meaning)}
+    db = (TOP / "db" / file).read_text()
+    record = next(text for text in db.split("record(") if re.search(rf'"@\$\(PLC\)/{statistic}"', text)
+                  and text.startswith("mbbi"))
+    texts = {STRINGS.index(name): text for name, text in re.findall(r'field\((\w\wST), +"(.*)"\)', record)}
+    assert documented == texts
