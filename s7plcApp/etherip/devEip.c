@@ -298,7 +298,7 @@ static long notShown(dbCommon *prec, devRecord *dev)
 {
     dev->following = 0;
     prec->udf = TRUE;
-    return devUnseen(prec, dev) ? -1 : noValue(prec);
+    return devRefused(prec, dev) || devUnseen(prec, dev) ? -1 : noValue(prec);
 }
 
 /* FORCE: what the PLC shows is no reason to follow, once the record has a value of its own. */

@@ -134,7 +134,8 @@ void eipForwardClosePut(eipWriter *w, const eipOpening *opening, const eipRoute 
 
 /* --- Words -------------------------------------------------------------------------------- */
 
-/* A status in words: "no such tag (05)"; at most 39 characters. */
+/* A status in words: "no such tag (05)"; at most 38 characters, the room of AMSG, also behind
+ * "PLC: " where it is about a tag. */
 void eipStatusText(unsigned status, unsigned extended, char *text, size_t size);
 
 #endif /* INC_eipCip_H */

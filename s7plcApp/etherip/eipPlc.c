@@ -152,6 +152,11 @@ static int news(void *pvt, plcNews *n, void *input, void *output)
     return eipWorkerTake(((eipPlc *)pvt)->worker, n, input, output);
 }
 
+static void age(void *pvt, epicsUInt64 *through, void *older)
+{
+    eipWorkerAge(((eipPlc *)pvt)->worker, through, older);
+}
+
 static unsigned refused(void *pvt, unsigned *of, char *first, size_t size)
 {
     eipPlc *plc = pvt;
@@ -203,6 +208,7 @@ const plcTransport eipTransport = {
     .down = down,
     .used = used,
     .news = news,
+    .age = age,
     .refused = refused,
     .put = put,
     .report = report,

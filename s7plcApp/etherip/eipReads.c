@@ -158,23 +158,40 @@ static epicsUInt64 dueClasses(eipWorker *w, epicsUInt64 now, epicsUInt64 *next)
     return classes;
 }
 
-/* What the PLC shows of the outputs: what was written since it was read is newer than that, and
- * so is what waits, once the outputs have taken their first values from the PLC. */
-static void showOutputs(eipWorker *w)
+/* What was written since it was read is newer than that, and so is what waits, once the
+ * outputs have taken their first values from the PLC. */
+void eipReadsShow(eipWorker *w)
 {
     size_t i;
 
+    if (!w->setup.outSize || w->firstTurn)
+        return;
+    w->newsUsed = w->used;
+    w->through = plcImagePutsThrough(w->setup.out, NULL); /* first: what comes now is not in it */
     memcpy(w->outNews, w->in, w->used);
     memset(w->waiting, 0, w->used);
     if (w->mayWrite)
         plcImagePutsWaiting(w->setup.out, NULL, w->waiting);
     plcImagePeek(w->setup.out, 0, w->used, w->values);
     for (i = 0; i < w->used; i++) {
-        epicsUInt8 ours = w->waiting[i] | w->written[i];
+        epicsUInt8 ours = w->older[i] = w->waiting[i] | w->written[i];
 
         w->outNews[i] = (epicsUInt8)((w->outNews[i] & ~ours) | (w->values[i] & ours));
     }
     w->news.shown = 1;
+}
+
+/* Places have a value, for the first time or again: outputs that had none follow it, and what
+ * was refused before is of no interest any more. The lock is held. */
+static void endFaults(eipWorker *w)
+{
+    if (!w->someBack)
+        return;
+    w->news.inFaults |= plcFaultsClear(w->setup.inFaults, 0, w->used, w->back);
+    plcFaultsClear(w->setup.outFaults, 0, w->used, w->back);
+    w->news.outFaults = 1;
+    memset(w->back, 0, w->used);
+    w->someBack = 0;
 }
 
 static void publish(eipWorker *w, epicsUInt64 now)
@@ -187,8 +204,8 @@ static void publish(eipWorker *w, epicsUInt64 now)
     w->newsUsed = w->used;
     epicsTimeGetCurrent(&w->news.stamp);
     w->news.blocks++;
-    if (w->setup.outSize && !w->firstTurn)
-        showOutputs(w);
+    eipReadsShow(w);
+    endFaults(w);
     eipWorkerTell(w);
 }
 
@@ -226,21 +243,6 @@ static void endTurn(eipWorker *w)
 
 /* --- Answers ---------------------------------------------------------------------------------- */
 
-/* A place has a value, for the first time or again: outputs that had none follow it, and what
- * was refused before is of no interest any more. */
-static void good(eipWorker *w, const eipWant *want)
-{
-    int changed = plcFaultsClear(w->setup.inFaults, want->place, want->room, NULL);
-
-    plcFaultsClear(w->setup.outFaults, want->place, want->room, NULL);
-    if (!eipWorkerEnter(w))
-        return;
-    w->news.inFaults |= changed;
-    w->news.outFaults = 1;
-    w->hasNews = 1;
-    epicsMutexUnlock(w->lock);
-}
-
 /* It will soon be known what structures are. */
 static int templatesCome(const eipWorker *w)
 {
@@ -264,8 +266,10 @@ static void storeUnit(eipWorker *w, eipUnit *u, const eipData *data)
         why = eipPieceStore(t, p, data->bytes, data->length, w->in);
         if (why)
             eipWorkerBad(w, want, why);
-        else if (wasBad)
-            good(w, want);
+        else if (wasBad) {
+            memset(w->back + want->place, 0xff, want->room);
+            w->someBack = 1;
+        }
     }
     w->stored = 1;
     if (u->refused) {

@@ -51,6 +51,7 @@ void eipWorkerBad(eipWorker *w, const eipWant *want, const char *reason)
 {
     int changed = plcFaultsSet(w->setup.inFaults, want->place, want->room, NULL, reason);
 
+    memset(w->back + want->place, 0, want->room);
     if (w->in[want->place] || w->in[want->place + 1]) {
         memset(w->in + want->place, 0, 2); /* no type: no value */
         changed = 1;

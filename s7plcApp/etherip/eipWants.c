@@ -57,6 +57,7 @@ int eipWantsTake(eipWorker *w)
     for (i = 0; i < count; i++)
         if (wants[i].fresh) {
             memset(w->in + wants[i].place, 0, wants[i].room);
+            memset(w->back + wants[i].place, 0, wants[i].room);
             plcFaultsClear(w->setup.inFaults, wants[i].place, wants[i].room, NULL);
         }
     epicsMutexMustLock(w->tagsLock);

@@ -29,13 +29,16 @@ eipWorker *eipWorkerCreate(const plcTransportSetup *setup, const eipConnectOptio
     w->options.requestTimeout = 1000;
     w->options.relearn = 3000;
     w->connectOptions = *connect;
-    w->inNews = callocMustSucceed(7, size, "eipWorker");
+    w->inNews = callocMustSucceed(10, size, "eipWorker");
     w->outNews = w->inNews + size;
     w->in = w->outNews + size;
     w->leaving = w->in + size;
     w->values = w->leaving + size;
     w->waiting = w->values + size;
     w->written = w->waiting + size;
+    w->older = w->written + size;
+    w->olderTaken = w->older + size;
+    w->back = w->olderTaken + size;
     w->frame = mallocMustSucceed(eipFrameMax, "eipWorker");
     w->message = mallocMustSucceed(eipMessageMax, "eipWorker");
     eipSocketInit(&w->socket);
@@ -191,8 +194,12 @@ int eipWorkerTake(eipWorker *w, plcNews *news, void *input, void *output)
     *news = w->news;
     if (news->blocks)
         memcpy(input, w->inNews, w->newsUsed);
-    if (news->shown)
+    if (news->shown) {
         memcpy(output, w->outNews, w->newsUsed);
+        memcpy(w->olderTaken, w->older, w->newsUsed);
+        w->throughTaken = w->through;
+        w->takenUsed = w->newsUsed;
+    }
     if (w->moreLog)
         epicsSnprintf(news->log + strlen(news->log), sizeof(news->log) - strlen(news->log),
                       " (and %u more)", w->moreLog);
@@ -201,6 +208,12 @@ int eipWorkerTake(eipWorker *w, plcNews *news, void *input, void *output)
     w->moreLog = 0;
     epicsMutexUnlock(w->lock);
     return has;
+}
+
+void eipWorkerAge(eipWorker *w, epicsUInt64 *through, void *older)
+{
+    memcpy(older, w->olderTaken, w->takenUsed);
+    *through = w->throughTaken;
 }
 
 void eipWorkerStateGet(eipWorker *w, eipWorkerState *state)
@@ -313,6 +326,8 @@ static void takeSocket(eipWorker *w)
     w->asking = eipAskOther;
     memset(w->leaving, 0, w->used);
     memset(w->written, 0, w->used);
+    memset(w->back, 0, w->used);
+    w->someBack = 0;
     eipConnectBegin(&w->connect, (epicsUInt32)epicsMonotonicGet());
 }
 

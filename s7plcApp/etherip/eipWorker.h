@@ -69,6 +69,8 @@ void eipWorkerStart(eipWorker *w, SOCKET socket);
 void eipWorkerStop(eipWorker *w);
 void eipWorkerPut(eipWorker *w); /* there are puts in the output image */
 int eipWorkerTake(eipWorker *w, plcNews *news, void *input, void *output);
+/* Of the outputs that were taken last: age of plcTransport.h. By who takes. */
+void eipWorkerAge(eipWorker *w, epicsUInt64 *through, void *older);
 
 /* So long it may go without any request, ms; 0: it need not make one. */
 double eipWorkerPause(eipWorker *w);

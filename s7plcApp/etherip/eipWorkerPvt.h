@@ -95,12 +95,18 @@ struct eipWorker {
     int hasNews;
     unsigned moreLog;
     epicsUInt8 *inNews, *outNews;
+    epicsUInt8 *older;           /* bits of outNews that were not read since they were put, */
+    epicsUInt64 through;         /* and up to where puts were through */
     eipWorkerState state;
     eipClass classes[eipClassesMax]; /* written with the lock, by the worker */
     unsigned classCount;
 
     epicsMutexId tagsLock;
     eipTags tags;
+
+    epicsUInt8 *olderTaken;      /* the same of the news taken last; of who takes it */
+    epicsUInt64 throughTaken;
+    size_t takenUsed;
 
     /* the worker's own */
     eipSocket socket;
@@ -123,6 +129,8 @@ struct eipWorker {
     epicsUInt8 *leaving, *values; /* bits of puts that are being written */
     epicsUInt8 *waiting;         /* bits of puts: for a moment */
     epicsUInt8 *written;         /* bits that were written since they were read: `in` is older */
+    epicsUInt8 *back;            /* bits of places that were bad and were read since; */
+    int someBack;                /* there are some: their faults end with that value */
     eipPlaced *byPlace;          /* all wishes, sorted */
     epicsUInt8 *queued;          /* of each wish: it is among what is being written */
     eipReadPlan plans[eipPlansMax];
@@ -133,6 +141,7 @@ struct eipWorker {
     unsigned turnRequests;
     int turnEnded;               /* just now */
     int stored;                  /* something is new since it was published */
+    int refused;                 /* a put was, of those that are being written */
     int replan;                  /* units have changed */
     epicsUInt64 epoch;           /* ns: due times count from here */
     epicsUInt64 lastAsk;         /* ns: keeps the connection alive */
@@ -235,6 +244,9 @@ int eipReadsLate(const eipWorker *w);
  * already. Returns 0 with *answer (the last one; data in w->assembly, *length) or -1. */
 int eipReadWhole(eipWorker *w, const eipUnit *u, size_t from, eipAnswer *answer,
                  eipData *data);
+
+/* What the PLC holds of the outputs, as far as that is known, is news. The lock is held. */
+void eipReadsShow(eipWorker *w);
 
 /* --- eipWants.c --------------------------------------------------------------------------- */
 

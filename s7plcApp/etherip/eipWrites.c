@@ -61,8 +61,13 @@ static void settle(eipWorker *w, const eipWant *want, const char *reason)
         changed = plcFaultsSet(w->setup.outFaults, want->place, want->room, mask, reason);
     else
         changed = plcFaultsClear(w->setup.outFaults, want->place, want->room, mask);
-    for (i = 0; i < want->room && !reason; i++)
-        w->written[want->place + i] |= mask[i];
+    for (i = 0; i < want->room; i++) {
+        if (reason)
+            w->back[want->place + i] &= (epicsUInt8)~mask[i];
+        else
+            w->written[want->place + i] |= mask[i];
+    }
+    w->refused |= reason != NULL;
     memset(mask, 0, want->room);
     if (!eipWorkerEnter(w))
         return;
@@ -530,6 +535,7 @@ static int writeTogether(eipWorker *w, const taken *t)
     int status;
 
     memset(w->queued, 0, w->tags.wantCount);
+    w->refused = 0;
     for (i = 0; i < t->count; i++)
         for (k = eipWantsBehind(w, t->offset[i]); k < w->tags.wantCount; k++) {
             unsigned want = w->byPlace[k].want;
@@ -542,6 +548,8 @@ static int writeTogether(eipWorker *w, const taken *t)
     freeBatch(&b);
     if (status == 0 && eipWorkerEnter(w)) {
         plcImagePutsDone(w->setup.out);
+        if (w->refused) /* the PLC holds what it held: the outputs go back to that */
+            eipReadsShow(w);
         eipWorkerTell(w);
     }
     return status;

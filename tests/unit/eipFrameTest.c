@@ -622,7 +622,10 @@ static void testStatusWords(void)
 static void testWords(void)
 {
     char text[60];
-    unsigned status, extended, longest = 0;
+    static const unsigned tags[][2] = {
+        {0x04, 0}, {0x05, 0}, {0x06, 0}, {0x08, 0}, {0x0e, 0}, {0x0f, 0}, {0x10, 0x2101},
+        {0x13, 0}, {0x15, 0}, {0xff, 0x2104}, {0xff, 0x2105}, {0xff, 0x2107}};
+    unsigned status, extended, longest = 0, i;
 
     for (status = 0; status < 256; status++)
         for (extended = 0; extended < 0x3000; extended++) {
@@ -630,7 +633,13 @@ static void testWords(void)
             if (strlen(text) > longest)
                 longest = (unsigned)strlen(text);
         }
-    testOk(longest <= 39, "no status has more than 39 characters: %u", longest);
+    testOk(longest <= 38, "no status has more than AMSG, 38 characters: %u", longest);
+    for (i = 0, longest = 0; i < sizeof(tags) / sizeof(tags[0]); i++) {
+        eipStatusText(tags[i][0], tags[i][1], text, sizeof(text));
+        if (strlen(text) > longest)
+            longest = (unsigned)strlen(text);
+    }
+    testOk(longest <= 33, "nor has one about a tag, behind \"PLC: \": %u and 5", longest);
     eipStatusText(0xff, 0x2105, text, sizeof(text));
     testOk(strcmp(text, "index beyond the end (FF 2105)") == 0, "%s", text);
 }

@@ -50,7 +50,7 @@ static void leave(void)
 
 static unsigned show(const char *block)
 {
-    return plcReadbackTrack(r, block, out, now, LIMIT, through);
+    return plcReadbackTrack(r, block, out, now, LIMIT, through, NULL);
 }
 
 static char held(size_t offset)
@@ -235,10 +235,10 @@ static void testMore(void)
     plcReadbackTake(more, "a", NULL, out);
     putByte(0, 'b', NULL);
     plcImageHandOver(out);
-    plcReadbackTrack(more, "a", out, now, LIMIT, 1);
+    plcReadbackTrack(more, "a", out, now, LIMIT, 1, NULL);
     now += LIMIT;
     putByte(0, 'c', NULL);
-    testOk(plcReadbackTrack(more, "a", out, now, LIMIT, 1) == 0 && held(0) == 'c',
+    testOk(plcReadbackTrack(more, "a", out, now, LIMIT, 1, NULL) == 0 && held(0) == 'c',
            "a second list has its note with the put");
     end();
 }
@@ -260,6 +260,37 @@ static void testShared(void)
     now += LIMIT;
     show("aYz");
     testOk(held(1) == 'Y' && held(2) == 'z', "and follows after that");
+    end();
+}
+
+/* A wire that tells what was read after which put: neither time nor value counts. */
+static void testAfter(void)
+{
+    static const int place = 0, other = 0;
+    plcShownAfter after = {0, "\0\0\0\0"};
+
+    begin();
+    plcImageKeepPuts(out, 10);
+    plcReadbackAdd(r, &place, 0, 0, 2, NULL);
+    plcReadbackAdd(r, &other, 1, 1, 2, NULL);
+    plcReadbackTake(r, "abc", NULL, out);
+    putByte(0, 'X', NULL);
+    now += 2 * LIMIT;
+    plcReadbackTrack(r, "abc", out, now, LIMIT, 1, &after);
+    testOk(held(0) == 'X', "a put that is not through stays, however long it takes");
+    plcReadbackTrack(r, "Xbd", out, now, LIMIT, 1, &after);
+    plcReadbackTrack(r, "abd", out, now, LIMIT, 1, &after);
+    testOk(held(0) == 'X', "also when the PLC shows it, and then another value");
+    testOk(held(2) == 'd', "another place follows");
+    after = (plcShownAfter){1, "\0\1\0\0"};
+    plcReadbackTrack(r, "abe", out, now, LIMIT, 1, &after);
+    testOk(held(0) == 'X' && held(2) == 'e', "it is through, a bit of it was not read since");
+    after.older = "\0\0\0\0";
+    plcReadbackTrack(r, "abe", out, now, LIMIT, 1, &after);
+    testOk(held(0) == 'a' && held(2) == 'e', "read after it was through: the PLC's value counts");
+    plcReadbackTrack(r, "zyx", out, now, LIMIT, 1, &after);
+    testOk(held(0) == 'z' && held(1) == 'y' && held(2) == 'x',
+           "places that share bytes follow at once");
     end();
 }
 
@@ -293,7 +324,7 @@ static void testSame(void)
 
 MAIN(readbackTest)
 {
-    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 3 + 4 + 5 + 1 + 3 + 3 + 6);
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 3 + 4 + 5 + 1 + 3 + 3 + 6 + 6);
     testSteps();
     testMasks();
     testOverlap();
@@ -301,6 +332,7 @@ MAIN(readbackTest)
     testNew();
     testMore();
     testShared();
+    testAfter();
     testSame();
     return testDone();
 }

@@ -29,6 +29,7 @@ typedef struct place {
     epicsUInt64 since; /* when it was made; once it has left: when it had */
     int left;
     size_t takes;      /* of the image, before the put */
+    epicsUInt64 number; /* of the put; 0: it has none */
     int pushed;        /* it has made the last of: */
     int many;          /* (more are under way than there is room for) */
     unsigned count;    /* digests of what the PLC showed before, and of what left since; */
@@ -251,7 +252,7 @@ static void push(place *p)
 }
 
 /* A put has changed p->ours. What was put before and has not left never will. */
-static void noteWrite(plcReadback *r, place *p, size_t takes, epicsUInt64 now)
+static void noteWrite(plcReadback *r, place *p, const plcWritten *written, epicsUInt64 now)
 {
     if (!p->waits) {
         p->count = 0;
@@ -259,11 +260,12 @@ static void noteWrite(plcReadback *r, place *p, size_t takes, epicsUInt64 now)
         if (p->seen)
             p->values[p->count++] = digest(p, p->shown);
         p->reached = p->count;
-    } else if (p->pushed && p->takes == takes && p->count > p->reached) {
+    } else if (p->pushed && p->takes == written->takes && p->count > p->reached) {
         p->count--;
     }
     push(p);
-    p->takes = takes;
+    p->takes = written->takes;
+    p->number = written->number;
     p->since = now;
     p->left = 0;
     setTaken(r, p);
@@ -291,14 +293,14 @@ void plcReadbackNote(plcReadback *r, int on)
 
 /* The lock is held. */
 static void noteAll(plcReadback *r, plcImage *out, size_t offset, size_t length,
-                    const void *mask, size_t takes, epicsUInt64 now)
+                    const void *mask, const plcWritten *written, epicsUInt64 now)
 {
     place *p;
 
     for (p = (place *)ellFirst(&r->places); p; p = (place *)ellNext(&p->node))
         if (touches(p, offset, length, mask)) {
             plcImagePeek(out, p->out, p->length, p->ours);
-            noteWrite(r, p, takes, now);
+            noteWrite(r, p, written, now);
         }
 }
 
@@ -321,7 +323,7 @@ int plcReadbackWrite(plcReadback *r, plcReadback *more, plcImage *out, size_t of
     status = plcImageWrite(out, offset, length, src, mask, written);
     for (i = 0; i < 2; i++)
         if (noting[i] && status >= 0)
-            noteAll(noting[i], out, offset, length, mask, written->takes, now);
+            noteAll(noting[i], out, offset, length, mask, written, now);
     for (i = 2; i-- > 0;)
         if (noting[i])
             epicsMutexUnlock(noting[i]->lock);
@@ -330,7 +332,7 @@ int plcReadbackWrite(plcReadback *r, plcReadback *more, plcImage *out, size_t of
 
 void plcReadbackWait(plcReadback *r, plcImage *out, epicsUInt64 now, int leaves)
 {
-    size_t takes = plcImageTakes(out);
+    plcWritten written = {.takes = plcImageTakes(out)};
     place *p;
 
     epicsMutexMustLock(r->lock);
@@ -338,7 +340,7 @@ void plcReadbackWait(plcReadback *r, plcImage *out, epicsUInt64 now, int leaves)
         p->seen = 0; /* what it has shown does not count any more */
         setWaits(r, p, 0);
         plcImagePeek(out, p->out, p->length, p->ours);
-        noteWrite(r, p, takes, now);
+        noteWrite(r, p, &written, now);
         p->left = !leaves;
     }
     epicsMutexUnlock(r->lock);
@@ -376,27 +378,48 @@ static int isOver(place *p, size_t takes, epicsUInt64 now, epicsUInt64 limit, in
     return p->left && now > p->since && now - p->since >= limit;
 }
 
+/* What is shown of the place was read after its put was through. */
+static int isAfter(const place *p, const plcShownAfter *after)
+{
+    return p->number <= after->through && !isHidden(p, after->older);
+}
+
+/* What is the same for all places of a block. */
+typedef struct look {
+    size_t takes;
+    epicsUInt64 now, limit;
+    int through;
+    const plcShownAfter *after;
+} look;
+
+/* True when the PLC's value counts again. */
+static int isDone(place *p, const epicsUInt8 *shown, int same, const look *l)
+{
+    if (l->after)
+        return isAfter(p, l->after);
+    advance(p, shown);
+    return (same && p->reached == p->count && !p->many) ||
+           isOver(p, l->takes, l->now, l->limit, l->through);
+}
+
 /* Returns 1 when the place took the PLC's value. */
 static unsigned trackPlace(plcReadback *r, place *p, const epicsUInt8 *shown, plcImage *out,
-                           size_t takes, epicsUInt64 now, epicsUInt64 limit, int through)
+                           const look *l)
 {
+    plcWritten other = {.takes = l->takes};
     int same;
 
     plcImagePeek(out, p->out, p->length, p->now);
     if (p->taken && !equal(p, p->now, p->ours)) { /* a place that overlaps took something, */
         memcpy(p->ours, p->now, p->length);       /* or a note is about to come */
         if (!p->waits) {
-            noteWrite(r, p, takes, now);
+            noteWrite(r, p, &other, l->now);
             p->left = 1;
         }
     }
     same = equal(p, p->now, shown);
-    if (p->waits) {
-        advance(p, shown);
-        if ((same && p->reached == p->count && !p->many) ||
-            isOver(p, takes, now, limit, through))
-            setWaits(r, p, 0);
-    }
+    if (p->waits && isDone(p, shown, same, l))
+        setWaits(r, p, 0);
     show(p, shown);
     if (same || p->waits)
         return 0;
@@ -404,16 +427,16 @@ static unsigned trackPlace(plcReadback *r, place *p, const epicsUInt8 *shown, pl
 }
 
 unsigned plcReadbackTrack(plcReadback *r, const void *block, plcImage *out,
-                          epicsUInt64 now, epicsUInt64 limit, int through)
+                          epicsUInt64 now, epicsUInt64 limit, int through,
+                          const plcShownAfter *after)
 {
-    size_t takes = plcImageTakes(out);
+    look l = {plcImageTakes(out), now, limit, through, after};
     unsigned changed = 0;
     place *p;
 
     epicsMutexMustLock(r->lock);
     for (p = (place *)ellFirst(&r->places); p; p = (place *)ellNext(&p->node))
-        changed += trackPlace(r, p, (const epicsUInt8 *)block + p->in, out, takes, now,
-                              limit, through);
+        changed += trackPlace(r, p, (const epicsUInt8 *)block + p->in, out, &l);
     epicsMutexUnlock(r->lock);
     return changed;
 }

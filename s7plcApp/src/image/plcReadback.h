@@ -46,7 +46,8 @@ unsigned plcReadbackTakeNew(plcReadback *readback, const void *block, plcImage *
  *
  * After a put a place waits: it is left alone until the PLC has shown what was put, or for
  * at most `limit`. Each value that was put and has left may still be shown later, in its order;
- * so a place that shows our value is only done when it has shown what was put before. */
+ * so a place that shows our value is only done when it has shown what was put before. A wire that
+ * tells of each bit when it was read needs no such rule: plcShownAfter. */
 
 /* From now on (on = 1) puts are noted: before tracking begins. Any thread. */
 void plcReadbackNote(plcReadback *readback, int on);
@@ -64,11 +65,20 @@ void plcReadbackWait(plcReadback *readback, plcImage *out, epicsUInt64 now, int 
 /* The number of places that wait. */
 unsigned plcReadbackWaiting(plcReadback *readback);
 
+/* What is known of the age of what is shown: all puts up to `through` are through, and only
+ * the bits set in `older`, as long as the block, have not been read since. */
+typedef struct plcShownAfter {
+    epicsUInt64 through;
+    const void *older;
+} plcShownAfter;
+
 /* What this block shows goes into the output image where no place waits. Called with every
  * block; now and limit in ns. `through`: all that was taken from the image so far has
- * reached the PLC. The limit counts from when the put has left. Returns the number of places that
- * changed. */
+ * reached the PLC. The limit counts from when the put has left. With `after` (NULL: it is not
+ * known) neither time nor value counts: a place waits until it was read after its put was
+ * through. Returns the number of places that changed. */
 unsigned plcReadbackTrack(plcReadback *readback, const void *block, plcImage *out,
-                          epicsUInt64 now, epicsUInt64 limit, int through);
+                          epicsUInt64 now, epicsUInt64 limit, int through,
+                          const plcShownAfter *after);
 
 #endif /* INC_plcReadback_H */

@@ -84,6 +84,7 @@ typedef struct devRecord {
     int following;     /* the record processes in order to follow, not to write */
     int takes;         /* plcStationTakes when it followed last */
     int refused;       /* the write that runs was refused by the station */
+    int back;          /* the PLC has refused the last put: the value went back */
     /* outputs that are active until the PLC has taken or refused their put */
     plcPutMark mark; /* of the last put; number 0: the record does not wait */
     /* outputs whose value waits for the PLC, or was refused by it */
@@ -180,6 +181,10 @@ void devTakeValue(dbCommon *prec, devRecord *dev);
 
 /* The same after a put: VAL shows these bytes, whatever the image holds by now. */
 void devWrote(devRecord *dev, const epicsUInt8 *bytes, const epicsUInt8 *mask);
+
+/* A put was refused: the value goes back to that of the PLC, when that is known. It processes once
+ * more when that alarm ends without a put. */
+void devGoBack(dbCommon *prec, devRecord *dev);
 
 /* Functions of the dset, the same for all record types. */
 long devInit(int after);

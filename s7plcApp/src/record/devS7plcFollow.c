@@ -49,6 +49,38 @@ static void takeQuietly(dbCommon *prec, devRecord *dev)
     db_post_events(prec, NULL, DBE_VALUE | DBE_LOG);
 }
 
+static int hasNews(const devRecord *dev)
+{
+    epicsUInt8 *bytes = mallocMustSucceed(dev->length + 1, "devFollow");
+    int news;
+
+    plcImagePeek(dev->image, dev->offset, dev->length, bytes);
+    news = isNews(dev, bytes);
+    free(bytes);
+    return news;
+}
+
+void devGoBack(dbCommon *prec, devRecord *dev)
+{
+    const devSupport *support = devSupportOf(prec);
+
+    if (!dev->shown || !dev->known || (support->follows && !support->follows(prec)) ||
+        !hasNews(dev))
+        return;
+    devTakeValue(prec, dev);
+    dev->back = 1;
+}
+
+/* Its alarm was that of the value that it had put: limits, states. */
+static int endsRefusal(const devRecord *dev)
+{
+    epicsUInt8 mask[DEV_SCALAR];
+    char reason[PLC_REASON_SIZE];
+
+    return dev->back && !(dev->faults && plcFaultsFind(dev->faults, dev->offset, dev->length,
+                                                       devMask(dev, mask), reason));
+}
+
 /* Processes the record so that it takes its value. */
 static void followByProcess(dbCommon *prec, devRecord *dev)
 {
@@ -78,7 +110,6 @@ static void followRecord(dbCommon *prec, const plcStation *station, int takes)
 {
     devRecord *dev = prec->dpvt;
     int (*delays)(const dbCommon *prec) = devSupportOf(prec)->delays;
-    epicsUInt8 *bytes;
     int first;
 
     if (!dev || dev->station != station || !dev->shown)
@@ -90,15 +121,12 @@ static void followRecord(dbCommon *prec, const plcStation *station, int takes)
             dev->following = 1;
         return;
     }
-    bytes = mallocMustSucceed(dev->length + 1, "devFollow");
-    plcImagePeek(dev->image, dev->offset, dev->length, bytes);
-    if (isNews(dev, bytes)) {
-        if (delays)
-            takeQuietly(prec, dev);
-        else
-            followByProcess(prec, dev);
-    }
-    free(bytes);
+    if (!hasNews(dev) && !endsRefusal(dev))
+        return;
+    if (delays)
+        takeQuietly(prec, dev);
+    else
+        followByProcess(prec, dev);
 }
 
 void devFollowOne(dbCommon *prec, plcStation *station)

@@ -115,8 +115,12 @@ static long putEnds(dbCommon *prec, devRecord *dev, char reason[PLC_REASON_SIZE]
     if (!dev || !dev->station || !dev->mark.number)
         return 0;
     dev->mark.number = 0;
-    return plcStationOutputConnected(dev->station, reason) ? devRefused(prec, dev)
-                                                           : devAway(prec, dev, reason);
+    if (!plcStationOutputConnected(dev->station, reason))
+        return devAway(prec, dev, reason);
+    if (!devRefused(prec, dev))
+        return 0;
+    devGoBack(prec, dev);
+    return -1;
 }
 
 long devWrite(dbCommon *prec)
@@ -126,8 +130,8 @@ long devWrite(dbCommon *prec)
     char reason[PLC_REASON_SIZE];
     long status;
 
-    if (dev)
-        dev->raised = 0; /* what it had raised ends with this processing */
+    if (dev) /* what it had raised ends with this processing */
+        dev->raised = dev->back = 0;
     if (prec->pact && !support->delays) /* the put is through */
         return putEnds(prec, dev, reason);
     if (dev && dev->following) {

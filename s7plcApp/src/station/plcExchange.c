@@ -31,10 +31,11 @@ void plcExchangeCreate(plcStation *s, unsigned line)
     x->pvt = s->lines[line].pvt;
     x->line = line;
     x->input = callocMustSucceed(1, s->inSize + 1, "plcExchangeCreate");
-    x->output = callocMustSucceed(4, s->outSize + 1, "plcExchangeCreate");
+    x->output = callocMustSucceed(5, s->outSize + 1, "plcExchangeCreate");
     x->image = x->output + s->outSize;
     x->mask = x->image + s->outSize;
     x->hidden = x->mask + s->outSize;
+    x->older = x->hidden + s->outSize;
     if (x->transport->takesPuts)
         s->options.holdoff = 0; /* what comes while a request is under way gathers anyway */
     if (x->transport->used) {
@@ -343,23 +344,34 @@ static void outputsTake(plcStation *s, char *shown)
     plcInputFollow(s, places);
 }
 
+/* Outputs follow what the PLC shows of them. */
+static void track(plcStation *s, epicsUInt64 now)
+{
+    plcExchange *x = s->exchange;
+    epicsUInt64 limit = plcMsToNs(s->now.readPeriod + SHOWN_MS);
+    plcShownAfter after = {0, x->older};
+    unsigned places;
+
+    if (x->transport->age)
+        x->transport->age(x->pvt, &after.through, x->older);
+    places = plcReadbackTrack(s->tracked, x->output, s->out, now, limit, !x->ordered,
+                              x->transport->age ? &after : NULL);
+    if (places)
+        plcInputFollow(s, places);
+}
+
 /* Not before the PINI run is over: its values would come later and count as puts. */
 static void lookAtOutputs(plcStation *s, epicsUInt64 now)
 {
     plcExchange *x = s->exchange;
-    epicsUInt64 limit = plcMsToNs(s->now.readPeriod + SHOWN_MS);
     int first = !epicsAtomicGetIntT(&s->taken);
-    unsigned places;
 
     if (!epicsAtomicGetIntT(&s->running))
         return;
     if (x->shown && first) {
         outputsTake(s, x->output);
     } else if (x->shown && s->now.track) {
-        places = plcReadbackTrack(s->tracked, x->output, s->out, now, limit,
-                                  !x->ordered);
-        if (places)
-            plcInputFollow(s, places);
+        track(s, now);
     } else if (s->unread && first && !plcReadbackCount(s->readback)) {
         outputsTake(s, NULL); /* else the first block tells */
     }

@@ -391,7 +391,7 @@ static void trackReadback(plcStation *s, const void *block, epicsUInt64 now)
     epicsUInt64 limit = plcMsToNs(s->now.sendInterval + SHOWN_MS);
     int through = !plcReadbackWaiting(s->readback) || plcStationDelivered(s);
     unsigned places =
-        plcReadbackTrack(s->readback, block, s->out, now, limit, through);
+        plcReadbackTrack(s->readback, block, s->out, now, limit, through, NULL);
 
     if (places)
         plcInputFollow(s, places);

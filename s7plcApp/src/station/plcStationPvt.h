@@ -53,6 +53,7 @@ typedef struct plcExchange {
     char *image, *mask;    /* what is put next */
     char *hidden;          /* bits of `output` that the PLC does not show; */
     int hides;             /* there are some */
+    char *older;           /* bits of `output` that were not read since they were put */
     int waiting;           /* the connection is up, the worker has not got it yet */
     int shown;             /* `output` is news that nobody has looked at yet */
     epicsUInt64 ordered;   /* when the oldest put under way was made; 0: none is */

@@ -158,6 +158,11 @@ typedef struct plcTransport {
      * shows all or none. */
     int (*hidden)(void *pvt, void *mask);
 
+    /* How old what was shown last is: all puts up to *through were through by then
+     * (plcImagePutsThrough), and fills *older, as long as the output image, with the bits that
+     * were not read since a put of them was. NULL: that is not known. */
+    void (*age)(void *pvt, epicsUInt64 *through, void *older);
+
     /* How many places of the input (registers, bits, tags) the PLC refuses to show now, and of how
      * many; which comes first, and why: "holding 4 to 7: exception 2, illegal data address".
      * NULL: it is not known. */

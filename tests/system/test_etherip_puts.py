@@ -1,0 +1,119 @@
+"""Puts to tags, and what their records show after them: what the PLC makes of a value counts, and
+what was read before it never comes back."""
+import epics
+import pytest
+
+from eipplant import rec
+from waiting import until, until_equal
+
+# Only a read ends what a record shows after its put: by time it would last for an hour.
+NO_TIME = 's7plcSetOption("P", "readPeriod", "3600000")'
+
+# kind, tag, put, what the PLC makes of it, more fields
+KINDS = [("longout", "D DINT", 5, 3), ("int64out", "L LINT", 5, 3), ("ao", "R REAL", 5.5, 2.5),
+         ("bo", "B BOOL", 1, 0), ("bo", "Bs[1] BOOL[64]", 1, 0), ("bo", "W.3 DINT", 1, 0),
+         ("mbbo", "M DINT", 2, 1, "NOBT=2"), ("mbboDirect", "Md[1] DINT[3]", 0b1010, 0b0010, "NOBT=4"),
+         ("stringout", "S STRING", "put", "plc"), ("lso", "Ls STRING", "put", "plc", "SIZV=83"),
+         ("aao", "A DINT[3]", [4, 5, 6], [4, 5, 3], "FTVL=LONG", "NELM=3")]
+
+
+def heard(ioc, name):
+    """A list that gets (value, SEVR) of each monitor; it has the first."""
+    seen = []
+    ioc.pvs[f"{name}, heard"] = epics.PV(
+        ioc.P + name, callback=lambda value=None, severity=None, **_: seen.append((value, severity)))
+    until(lambda: seen, f"the first monitor of {name}")
+    return seen
+
+
+def text_of(value):
+    if isinstance(value, str):
+        return f'"{value}"'
+    return " ".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+def tag_of(row):
+    return row[1].split()[0].split(".")[0]
+
+
+def declared(rows):
+    return [f"tag {name.split('[')[0].split('.')[0]} {kind}" for name, kind in
+            (row[1].split() for row in rows)]
+
+
+def of_bit(row, value):
+    """What the tag's number is, when its bits are these."""
+    name = row[1].split()[0]
+    return value << 3 if name == "W.3" else value << 1 if name in ("Bs[1]", "Md[1]") else value
+
+
+def console_tag(row):
+    return "Bs[0]" if tag_of(row) == "Bs[1]" else "Md[0]" if tag_of(row) == "Md[1]" else tag_of(row)
+
+
+def value_of(ioc, row):
+    return ioc.plain(row[0])
+
+
+@pytest.mark.parametrize("row", KINDS, ids=lambda row: f"{row[0]}, {row[1]}")
+def test_other_value(plant, row):
+    """What the PLC makes of a put shows with the next read, though none has shown the put: {id}"""
+    kind, _, put, made, *fields = row
+    plant.tags(*declared([row]), "tag F DINT")
+    plant.records(rec(kind, "o", row[1].split()[0] + " S 0.05", *fields), configure=NO_TIME)
+    until(lambda: plant.ioc.severity("o") == "NO_ALARM")
+    field = "o.VAL$" if kind == "lso" else "o"
+    plant.sim.command("etherip slow 200 write next 1")  # done at once, answered later
+    done = plant.ioc.put_callback(field, put)
+    plant.wait_tag(console_tag(row), text_of(of_bit(row, put)))
+    plant.set(console_tag(row), text_of(of_bit(row, made)))
+    until(done.is_set)
+    until_equal(lambda: plant.ioc.text("o") if kind == "lso" else plant.ioc.plain("o"), made)
+    assert plant.ioc.severity("o") == "NO_ALARM"
+
+
+@pytest.mark.parametrize("row", KINDS, ids=lambda row: f"{row[0]}, {row[1]}")
+def test_refused(plant, row):
+    """A put that the PLC refuses ends with the PLC's value and an alarm, which the next put ends: {id}"""
+    kind, _, put, other, *fields = row
+    plant.tags(*declared([row]), "tag F DINT")
+    plant.records(rec(kind, "o", row[1].split()[0] + " S 0.05", *fields), rec("longin", "f", "F S 0.02"),
+                  configure=NO_TIME)
+    until(lambda: plant.ioc.severity("o") == "NO_ALARM")
+    field = "o.VAL$" if kind == "lso" else "o"
+    before = shown(plant, kind)
+    seen = heard(plant.ioc, "o")
+    plant.sim.command("etherip key run")
+    plant.ioc.put(field, put)
+    assert shown(plant, kind) == before
+    assert plant.ioc.alarm("o") == ("INVALID", "WRITE", "PLC: key switch not in REM (10 2101)")
+    plant.set(console_tag(row), text_of(of_bit(row, other)))
+    until_equal(lambda: shown(plant, kind), other)
+    assert plant.ioc.alarm("o")[:2] == ("INVALID", "WRITE")
+    plant.sim.command("etherip key remote")
+    plant.ioc.put(field, put)
+    assert shown(plant, kind) == put and plant.ioc.severity("o") == "NO_ALARM"
+    assert [s for _, s in seen[1:-1]].count(0) == 0, seen
+
+
+def shown(plant, kind):
+    return plant.ioc.text("o") if kind == "lso" else plant.ioc.plain("o")
+
+
+@pytest.mark.parametrize("back", [5, 20])
+def test_tag_comes_back(plant, back):
+    """A put to a tag that is not there: its value never shows as good, when the tag is back with {back}"""
+    plant.tags("tag A DINT = 5", "tag B DINT")
+    plant.records(rec("longout", "a", "A S 0.05"), rec("longin", "b", "B S 0.02"), configure=NO_TIME)
+    plant.ioc.wait_value("a", 5)
+    seen = heard(plant.ioc, "a")
+    for _ in range(5):
+        plant.sim.command("etherip remove A")
+        plant.ioc.wait_alarm("a", "INVALID", "READ", "no such tag")
+        plant.ioc.put("a", 7)
+        assert plant.ioc.alarm("a")[:2] == ("INVALID", "WRITE")
+        plant.sim.command(f"etherip tag A DINT = {back}")
+        plant.sim.command("etherip download")
+        plant.ioc.wait_alarm("a", "NO_ALARM")
+        assert plant.ioc.get("a") == back
+    assert (7, 0) not in seen
