@@ -79,6 +79,8 @@ static const struct {
     {"1,-2",                   NULL                                                          },
     {"1,256",                  NULL                                                          },
     {"1,99999999999999999999", NULL                                                          },
+    {"14,1",                   "0E 01"                                                       },
+    {"15,1",                   "0F 0F 00 01"                                                 },
     {"2,host,1,255",           "12 04 68 6F 73 74 01 FF"                                     },
 };
 
@@ -441,6 +443,11 @@ static void testOpening(void)
                strcmp(c.identity.name, "1756-") == 0,
            "the identity: %s", c.identity.name);
     testOk(c.step == eipStepLarge, "a large connection is tried first");
+    c = connectOf("1,0", 0);
+    answerStep(&c, 0, services);
+    answerStep(&c, 0, "01 00 00 00");
+    answerStep(&c, 0, "01 00 0E 00 37 00 14 0B 60 31 78 56 34 12 05 31 37 35 36 2D 41 42 43 44 FF");
+    testOk(strcmp(c.identity.name, "1756-") == 0, "what stands behind the name is not of it: %s", c.identity.name);
     n = eipConnectNext(&c, frame, sizeof(frame));
     memcpy(request, frame + 40, n - 40);
     memset(request + 12, 0, 12); /* numbers that differ each time */

@@ -319,6 +319,9 @@ static void testInstances(void)
         hexOf(path, w.n, hex);
         testOk(strcmp(hex, rows[i].path) == 0, "instance %X: %s", rows[i].instance, hex);
     }
+    testOk(eipIndexBytes(255) == 2 && eipIndexBytes(256) == 4 && eipIndexBytes(65535) == 4 &&
+               eipIndexBytes(65536) == 6,
+           "an index of one, two and four bytes");
     testOk(eipNameRoot("Program:Main.x.y") == 14, "the root of Program:Main.x.y has 14");
     testOk(eipNameRoot("Local:1:I.Data") == 9, "that of Local:1:I.Data 9");
 }
@@ -974,7 +977,7 @@ static void testPlaces(void)
     eipPlacesLeave(p, first, 100, 1);
     eipPlacesGet(p, &b, 1000, 1);
     testOk(eipPlacesWants(p, 0, &w, &n, &used) == 1 && w[0].period == 500 && w[1].shared &&
-               !w[0].fresh,
+               !w[0].shared && !w[0].fresh,
            "one has left: the period is that of the other");
     for (i = 0; i < n; i++)
         free(w[i].tag);

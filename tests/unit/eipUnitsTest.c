@@ -239,6 +239,38 @@ static void testInner(void)
     eipTagsFree(&t);
 }
 
+/* Elements 0 to 9 of an array, and one of them by itself: one read of its own has all ten. So with two
+ * members beside it 114 bytes go and come by members, and 100 for the whole structure of 80 bytes. */
+static void testCheaper(void)
+{
+    static const eipMember members[] = {
+        {"A", 10, 0x2000 | eipDint, 0}, {"B", 0, eipDint, 40}, {"C", 0, eipDint, 44}};
+    eipWant *w = calloc(4, sizeof(*w));
+    eipTags t;
+    unsigned i;
+
+    w[0] = want("M.A", 0, eipArrayPlace, 0);
+    w[0].count = 10;
+    w[0].room = eipPlaceHead + 80;
+    w[1] = want("M.A", 1, eipCell, 100);
+    w[2] = want("M.B", 0, eipCell, 116);
+    w[3] = want("M.C", 0, eipCell, 132);
+    eipTagsInit(&t);
+    eipTagsSet(&t, w, 4);
+    learn(&t, "M.A", "C4 00 00 00 00 00");
+    learn(&t, "M.B", "C4 00 00 00 00 00");
+    learn(&t, "M.C", "C4 00 00 00 00 00");
+    for (i = 0; i < 3; i++)
+        t.tags[i].template = 0x101;
+    t.templates->table[0x101] = templateOf(members, 3, 0x101, 80);
+    eipUnitsMake(&t);
+    testOk(t.unitCount == 1 && t.units[0].whole, "80 bytes whole are less than ten elements and two members");
+    t.templates->table[0x101]->size = 94;
+    eipUnitsMake(&t);
+    testOk(t.unitCount == 3 && !t.units[0].whole, "94 are not");
+    eipTagsFree(&t);
+}
+
 static const struct {
     const char *what;
     eipPlaceKind kind;
@@ -261,6 +293,7 @@ static const struct {
     {"what may be one and is none",     eipTextPlace,  eipStructureCode, 6, eipTextPerhaps, "09 00 00 00 41 00",
      "the tag is a structure, no string"                                                                                                 },
     {"a string as array",               eipArrayPlace, eipStringCode,    1, eipTextYes,     "00",          "the tag is no array of numbers"    },
+    {"a string as array, cut",          eipArrayPlace, eipStringCode,    4, eipTextYes,     "00 00",       "answer is too short"               },
     {"an array of one LINT",            eipArrayPlace, 0xc5,             8, eipTextYes,     "01 02 03 04 05 06 07 08", NULL                    },
 };
 
@@ -443,6 +476,7 @@ MAIN(eipUnitsTest)
     testRefused();
     testTextKinds();
     testInner();
+    testCheaper();
     testStores();
     testMultiple();
     testStatistics();

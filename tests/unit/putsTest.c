@@ -162,6 +162,11 @@ static void reconnect(void)
     testOk(!strcmp(next(p, neighbours, &end), "...C...."), "then what was put");
     testOk(!strcmp(next(p, neighbours, &end), ".D......"), "in its order");
     testOk(plcPutsAhead(p, "abcdefgh", "\0\0\0\0\0\0\0\0") == 0, "nothing is put again");
+    add(p, 0, "E", NULL, 1);
+    add(p, 1, "F", NULL, 1);
+    add(p, 0, "G", NULL, 1);
+    plcPutsAway(p, 0);
+    testOk(plcPutsCount(p) == 3, "while it is there each put waits, however often that is said");
     plcPutsDestroy(p);
 }
 
@@ -325,7 +330,7 @@ MAIN(putsTest)
 {
     unsigned i;
 
-    testPlan(87 + 6 + 5);
+    testPlan(87 + 7 + 5);
     order();
     bits();
     numbers();

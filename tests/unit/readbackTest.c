@@ -91,6 +91,9 @@ static const struct {
     {"a second put begins anew", "pB t sA=B w pC sA=C t sA=C sB=C sC=C sD=D"},
     {"more puts than can be told apart: the limit",
      "pB t pC t pD t pE t pF t pG t pH t pI t pJ t sB=J sJ=J sI=J sJ=J w sK=K"},
+    {"as many as can be told apart: seven puts and what was before",
+     "pB t pC t pD t pE t pF t pG t pH t sB=H sH=H sK=K"},
+    {"one more: the limit", "pB t pC t pD t pE t pF t pG t pH t pI t sB=I sI=I sK=I w sK=K"},
     {"another PLC gets what the first had", "pB t sB=B L sA=B t sA=B sB=B sC=C"},
     {"another PLC gets it, and what was put meanwhile",
      "pB t sB=B L pC sA=C t sA=C sC=C sD=D"},
@@ -159,6 +162,33 @@ static void testMasks(void)
     leave();
     show("\x42");
     testOk(held(0) == 0x42 && plcReadbackWaiting(r) == 0, "until the PLC shows its bits");
+    end();
+}
+
+static void putTwo(const char *bytes)
+{
+    plcWritten written;
+
+    plcReadbackWrite(r, more, out, 0, 2, bytes, NULL, &written, now);
+    leave();
+}
+
+/* The same bytes in another order are another value: a put to and fro is shown by both. */
+static void testOrder(void)
+{
+    static const int both = 0;
+
+    begin();
+    plcReadbackAdd(r, &both, 0, 0, 2, NULL);
+    plcReadbackTake(r, "xy", NULL, out);
+    putTwo("yx");
+    putTwo("xy");
+    show("xy");
+    testOk(plcReadbackWaiting(r) == 1, "what is shown is of before the puts");
+    show("yx");
+    testOk(held(0) == 'x' && held(1) == 'y', "the first of them changes nothing");
+    show("xy");
+    testOk(plcReadbackWaiting(r) == 0, "the second one ends it");
     end();
 }
 
@@ -324,9 +354,10 @@ static void testSame(void)
 
 MAIN(readbackTest)
 {
-    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 3 + 4 + 5 + 1 + 3 + 3 + 6 + 6);
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 3 + 4 + 5 + 1 + 3 + 3 + 6 + 6 + 3);
     testSteps();
     testMasks();
+    testOrder();
     testOverlap();
     testHidden();
     testNew();

@@ -456,6 +456,7 @@ static void walk(int depth)
 static void tables(void)
 {
     static const unsigned char remote[] = {2, 0, 0, 0}, local[] = {0, 0, 0, 0};
+    unsigned char header[4];
     plcSync s;
 
     plcSyncInit(&s, 7);
@@ -490,13 +491,17 @@ static void tables(void)
                strcmp(plcSyncStateName(-1), "?") == 0 &&
                strcmp(plcSyncStateName(plcSyncMapDownload + 1), "?") == 0,
            "states have names, and no others have");
+    plcSyncInit(&s, 7);
+    plcSyncConnected(&s);
+    plcSyncHeader(&s, header, 1);
+    testOk(!s.asked, "a header that is made before the PLC has shown anything asks nothing");
 }
 
 MAIN(syncTest)
 {
     (void)argc;
     (void)argv;
-    testPlan(ROWS + 7 + 5 + 3);
+    testPlan(ROWS + 7 + 5 + 4);
     transitions();
     headers();
     tables();

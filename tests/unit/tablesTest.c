@@ -652,6 +652,26 @@ static void errorWords(void)
     }
 }
 
+/* Another session than the PLC has shown, and never 0. */
+static void sessions(void)
+{
+    static const int rows[][2] = {{0, 1}, {5, 6}, {253, 254}, {254, 255}, {255, 1}};
+    epicsUInt8 block[IN];
+    size_t i;
+
+    for (i = 0; i < 5; i++) {
+        shown s = {10, 1, 3, 0, 0, 0, 0, rows[i][0], 4};
+        plcTables t;
+
+        plcTablesInit(&t, plcMapDownload, ours, ourSize, OUT);
+        plcTablesConnected(&t);
+        statusBlock(block, &s);
+        plcTablesBlock(&t, block, 1);
+        testOk(t.command == plcTablesBegin && t.session == rows[i][1], "behind session %d begins %d", rows[i][0],
+               t.session);
+    }
+}
+
 static void words(void)
 {
     plcTables t;
@@ -684,7 +704,7 @@ MAIN(tablesTest)
     char error[300];
     plcPointers *table;
 
-    testPlan(EVENTS + 7 + 3 + 4 + 2 + 3 + WRONGS);
+    testPlan(EVENTS + 7 + 3 + 4 + 2 + 3 + 5 + WRONGS);
     table = read(goodFile, error, sizeof(error));
     ours = table->bytes;
     ourSize = table->size;
@@ -695,6 +715,7 @@ MAIN(tablesTest)
     arithmetic();
     words();
     errorWords();
+    sessions();
     plcPointersFree(table);
     return testDone();
 }
