@@ -59,6 +59,7 @@ static asynStatus readOutput(plcAsynPort *port, asynUser *user, const plcAsynVie
 {
     plcImage *out = plcStationOutput(port->station);
     int taken = plcStationTaken(port->station);
+    char reason[PLC_REASON_SIZE];
     plcOptions options;
 
     plcStationGetOptions(port->station, &options);
@@ -66,6 +67,9 @@ static asynStatus readOutput(plcAsynPort *port, asynUser *user, const plcAsynVie
         return readInput(port, user, view->readback, length, bytes);
     plcImagePeek(out, view->offset, length, bytes);
     epicsTimeGetCurrent(&user->timestamp);
+    if (view->follows && isZero(bytes, length) &&
+        plcStationHides(port->station, view->offset, length, NULL, reason))
+        return plcAsynFail(user, asynError, READ_ALARM, "%s: %s", port->name, reason);
     if (!(view->follows && taken) && isZero(bytes, length))
         return plcAsynFail(user, asynError, UDF_ALARM, "%s: not written yet", port->name);
     return asynSuccess;
@@ -74,6 +78,9 @@ static asynStatus readOutput(plcAsynPort *port, asynUser *user, const plcAsynVie
 asynStatus plcAsynRead(plcAsynPort *port, asynUser *user, const plcAsynView *view,
                             size_t length, void *bytes)
 {
+    char wrong[PLC_WRONG_SIZE];
+    asynStatus status;
+
     clearAlarm(user);
     asynPrint(user, ASYN_TRACE_FLOW, "%s read %s \"%s\"\n", port->name,
               plcAsynFaceName(view->face), view->place->text);
@@ -82,9 +89,13 @@ asynStatus plcAsynRead(plcAsynPort *port, asynUser *user, const plcAsynView *vie
                            "%s: disconnected by a user", port->name);
     if (view->place->output) {
         plcAsynWaitFirst(port, view);
-        return readOutput(port, user, view, length, bytes);
+        status = readOutput(port, user, view, length, bytes);
+    } else {
+        status = readInput(port, user, view->offset, length, bytes);
     }
-    return readInput(port, user, view->offset, length, bytes);
+    if (status == asynSuccess && plcAsynIsWrong(view, bytes, wrong))
+        return plcAsynFail(user, asynError, READ_ALARM, "%s: %s", port->name, wrong);
+    return status;
 }
 
 /* --- Writing --------------------------------------------------------------------- */

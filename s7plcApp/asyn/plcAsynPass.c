@@ -326,6 +326,7 @@ static const void *inputNews(const pass *p, plcAsynUser *u)
 {
     plcAsynPort *port = p->port;
     const char *bytes = port->block + u->view->offset;
+    char wrong[PLC_WRONG_SIZE];
     epicsTimeStamp now;
     int faulty, news;
 
@@ -346,6 +347,7 @@ static const void *inputNews(const pass *p, plcAsynUser *u)
                   u->view->length))
         return NULL;
     u->told = 1;
+    faulty |= plcAsynIsWrong(u->view, bytes, wrong);
     setStatus(u, faulty ? asynError : asynSuccess, faulty ? READ_ALARM : NO_ALARM,
               port->stamp);
     return bytes;
@@ -380,11 +382,15 @@ static const void *outputNews(const pass *p, plcAsynUser *u)
     epicsUInt8 *bytes = (epicsUInt8 *)port->scratch;
     int shownByPlc = view->hasReadback && !(p->tracks && p->taken);
     int back = u->away && p->leaves && (p->taken || !view->follows);
+    char reason[PLC_REASON_SIZE], wrong[PLC_WRONG_SIZE];
     int faulty, news, alarm;
     epicsTimeStamp stamp;
 
     if (u->writing || (shownByPlc && !port->good))
         return NULL;
+    if (!u->told && !shownByPlc && view->follows &&
+        plcStationHides(port->station, view->offset, view->length, u->mask, reason))
+        return NULL; /* nobody knows what the PLC holds */
     epicsTimeGetCurrent(&stamp);
     if (shownByPlc) {
         memcpy(bytes, port->block + view->readback, view->length);
@@ -398,6 +404,8 @@ static const void *outputNews(const pass *p, plcAsynUser *u)
         u->refused = 0; /* there is no value to go back to */
         return NULL;
     }
+    if (!alarm && plcAsynIsWrong(view, bytes, wrong))
+        alarm = READ_ALARM;
     if (u->away && !back)
         alarm = COMM_ALARM;
     u->away = u->away && !back;

@@ -349,6 +349,12 @@ plcAsynView *plcAsynPlaceView(plcAsynPlace *place, plcAsynFace face, const char 
 
 /* --- Bytes and values ------------------------------------------------------------ */
 
+int plcAsynIsWrong(const plcAsynView *view, const void *bytes, char text[PLC_WRONG_SIZE])
+{
+    return view->type->kind & plcCoded &&
+           plcIsWrong(view->type, bytes, view->type->size, view->order, text);
+}
+
 epicsInt64 plcAsynGetInt(const plcAsynView *view, const void *bytes)
 {
     epicsInt64 value = plcGetInt(view->type, bytes, view->order);

@@ -90,6 +90,9 @@ unsigned plcAsynElementSize(plcAsynFace face);
 
 /* --- Bytes in wire order <-> values ---------------------------------------------- */
 
+/* A coded number with a digit that is none: 1, and what it holds; else 0. */
+int plcAsynIsWrong(const plcAsynView *view, const void *bytes, char text[PLC_WRONG_SIZE]);
+
 /* A whole number; with B= it is 0 or 1. A UINT64 comes with its bits unchanged. */
 epicsInt64 plcAsynGetInt(const plcAsynView *view, const void *bytes);
 

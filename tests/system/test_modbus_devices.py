@@ -470,3 +470,103 @@ def test_holes_among_outputs(new_modbus, new_ioc):
     until(lambda: [r for r in plc.writes(mark) if r.start == 211], "the put into the hole once more")
     ioc.wait_alarm("o211", "INVALID", "WRITE", "exception 2")
     assert {a for r in plc.writes(mark) for a in r.addresses()} == {211}
+
+
+TRUTH = """
+record(longout, "$(P)hole") { field(DTYP, "S7plc") field(OUT, "@PLC/4") }
+record(bo, "$(P)bit") { field(DTYP, "S7plc") field(OUT, "@PLC/5 T=UINT8 B=1") }
+record(stringout, "$(P)text") { field(DTYP, "S7plc") field(OUT, "@PLC/2 L=4") }
+record(aao, "$(P)array") { field(DTYP, "S7plc") field(OUT, "@PLC/0") field(FTVL, "SHORT") field(NELM, "4") }
+record(longout, "$(P)before") { field(DTYP, "S7plc") field(OUT, "@PLC/2") }
+record(longout, "$(P)behind") { field(DTYP, "S7plc") field(OUT, "@PLC/6") }
+"""
+REFUSED = ("INVALID", "READ", "PLC: exception 2, illegal data address")
+
+
+def test_outputs_in_a_hole(new_modbus, new_ioc):
+    """outputs that follow: with a register in a hole READ/INVALID until the device shows the registers; others are not touched"""
+    plc = new_modbus()
+    plc.holding[200], plc.holding[201], plc.holding[202], plc.holding[203] = 10, 11, 12, 13
+    rule = plc.refuse(3, 202)
+    ioc = start(plc, new_ioc, "track on", "readPeriod 100", inputs="holding 200 20 every 50", db=TRUTH)
+    for name in ("hole", "bit", "text", "array"):
+        ioc.wait_alarm(name, *REFUSED)
+    ioc.wait_value("before", 11)
+    ioc.wait_value("behind", 13)
+    assert ioc.severity("before") == ioc.severity("behind") == "NO_ALARM"
+    # what is put is taken by the device: it is not known what it holds, but what was put is there
+    ioc.put("hole", 77)
+    assert plc.holding[202] == 77 and ioc.alarm("hole")[0] == "NO_ALARM"
+    plc.holding[202] = 0
+    plc.refuse_no_more(rule)
+    for name, value in ("hole", 0), ("bit", 0):
+        ioc.wait_value(name, value)
+        ioc.wait_alarm(name, "NO_ALARM")
+    until_equal(lambda: ioc.plain("array"), [10, 11, 0, 13])
+    ioc.wait_alarm("array", "NO_ALARM")
+    ioc.wait_alarm("text", "NO_ALARM")
+
+
+def test_becomes_a_hole(new_modbus, new_ioc):
+    """an output that followed, and whose register is refused from then on, says so; VAL stays the last that was seen"""
+    plc = new_modbus()
+    plc.holding[202] = 12
+    ioc = start(plc, new_ioc, "track on", "readPeriod 100", db=TRUTH.splitlines()[1])
+    ioc.wait_value("hole", 12)
+    rule = plc.refuse(3, 202)
+    ioc.wait_alarm("hole", *REFUSED)
+    assert ioc.get("hole") == 12
+    plc.refuse_no_more(rule)
+    ioc.wait_alarm("hole", "NO_ALARM")
+    assert ioc.get("hole") == 12
+
+
+def test_read_back_in_a_hole(new_modbus, new_ioc):
+    """an output whose R= lies in a hole of the inputs takes nothing from there, and says so until it can"""
+    plc = new_modbus()
+    plc.holding[2] = 5
+    rule = plc.refuse(3, 2)
+    plc.refuse(3, 200, 40)  # a device that does not show its outputs: the block tells
+    ioc = start(plc, new_ioc, db='record(longout, "$(P)back") { field(DTYP, "S7plc") field(OUT, "@PLC/20 R=4") }\n'
+                'record(longout, "$(P)other") { field(DTYP, "S7plc") field(OUT, "@PLC/22 R=6") }')
+    plc.holding[3] = 6
+    ioc.wait_alarm("back", *REFUSED)
+    ioc.wait_alarm("other", "NO_ALARM")
+    plc.refuse_no_more(rule)
+    ioc.wait_value("back", 5)
+    ioc.wait_alarm("back", "NO_ALARM")
+    assert plc.writes() == []
+
+
+DIGITS = """
+record(longin, "$(P)in16") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=BCD16") field(SCAN, "I/O Intr") }
+record(ai, "$(P)in32") { field(DTYP, "S7plc") field(INP, "@PLC/2 T=BCD32") field(SCAN, "I/O Intr") }
+record(int64in, "$(P)signed") { field(DTYP, "S7plc") field(INP, "@PLC/6 T=SBCD16") field(SCAN, "I/O Intr") }
+record(waveform, "$(P)time") { field(DTYP, "S7plc") field(INP, "@PLC/8 T=BCD") field(FTVL, "UCHAR") field(NELM, "2") field(SCAN, "I/O Intr") }
+record(longout, "$(P)out") { field(DTYP, "S7plc") field(OUT, "@PLC/0 T=BCD16") }
+"""
+
+
+def test_wrong_digits(new_modbus, new_ioc):
+    """registers that hold no BCD number: READ/INVALID with what they hold, inputs and outputs that follow; good with digits"""
+    plc = new_modbus()
+    plc.holding.put(0, bytes.fromhex("1234 00123456 9012 5958"))
+    plc.holding[200] = 0x1234
+    ioc = start(plc, new_ioc, "track on", "readPeriod 100", db=DIGITS)
+    for name, value in ("in16", 1234), ("in32", 123456), ("signed", -1012), ("out", 1234), ("time", [59, 58]):
+        until_equal(lambda: ioc.plain(name), value)
+        ioc.wait_alarm(name, "NO_ALARM")
+    plc.holding.put(0, bytes.fromhex("1A2F 00123C56 901F 59FA"))
+    plc.holding[200] = 0xFFFF
+    for name, reason in (("in16", "0x1A2F is no BCD number"), ("in32", "0x00123C56 is no BCD number"),
+                         ("signed", "0x901F is no BCD number"), ("time", "byte 1 is 0xFA: no BCD"),
+                         ("out", "0xFFFF is no BCD number")):
+        ioc.wait_alarm(name, "INVALID", "READ", reason)
+    assert (ioc.get("in16"), ioc.get("in32"), ioc.get("signed"), ioc.get("out")) == (1234, 123456, -1012, 1234)
+    ioc.put("out", 42)
+    ioc.wait_alarm("out", "NO_ALARM")
+    assert plc.holding[200] == 0x42
+    plc.holding.put(0, bytes.fromhex("0001 00000002 F999 0000"))
+    for name, value in ("in16", 1), ("in32", 2), ("signed", -7999), ("time", [0, 0]):
+        until_equal(lambda: ioc.plain(name), value)
+        ioc.wait_alarm(name, "NO_ALARM")

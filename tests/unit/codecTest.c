@@ -508,6 +508,41 @@ static const struct {
     {0x99, 99}
 };
 
+static const struct {
+    const char *type;
+    epicsUInt8 bytes[4];
+    const char *text; /* "": all digits are some */
+} digits[] = {
+    {"BCD16", {0x99, 0x99}, ""},
+    {"BCD16", {0x1A, 0x2F}, "0x1A2F is no BCD number"},
+    {"BCD16", {0xF0, 0x00}, "0xF000 is no BCD number"},
+    {"BCD16", {0x00, 0x0A}, "0x000A is no BCD number"},
+    {"BCD32", {0x12, 0x34, 0x56, 0x78}, ""},
+    {"BCD32", {0x12, 0x34, 0xB6, 0x78}, "0x1234B678 is no BCD number"},
+    {"SBCD16", {0xF9, 0x99}, ""},
+    {"SBCD16", {0x9A, 0x00}, "0x9A00 is no BCD number"},
+    {"TIME", {0x59, 0x00, 0x99, 0x12}, ""},
+    {"TIME", {0x59, 0x00, 0xFF, 0x12}, "byte 2 is 0xFF: no BCD"},
+    {"SM16", {0xFF, 0xFF}, ""},
+    {"UINT16", {0xFF, 0xFF}, ""},
+    {"REAL32", {0xFF, 0xFF, 0xFF, 0xFF}, ""},
+};
+
+static void testDigits(void)
+{
+    size_t i;
+
+    for (i = 0; i < sizeof(digits) / sizeof(digits[0]); i++) {
+        const plcType *type = plcTypeFind(digits[i].type, strlen(digits[i].type));
+        size_t length = type->kind == plcBcd ? 4 : type->size;
+        char text[PLC_WRONG_SIZE] = "";
+        int wrong = plcIsWrong(type, digits[i].bytes, length, plcBigEndian, text);
+
+        testOk(wrong == !!digits[i].text[0] && strcmp(text, digits[i].text) == 0, "%s %s",
+               digits[i].type, wrong ? text : "has digits");
+    }
+}
+
 static void testBcd(void)
 {
     static const epicsUInt8 date[] = {0x26, 0x11, 0x23, 0x14, 0x25, 0x59, 0x98, 0x72};
@@ -654,7 +689,7 @@ MAIN(codecTest)
 
     testPlan(48 + 1 + 36 + 9 + 15 + 4 * 37 + 4 * 9 + 13 + 5 + 2 * 9 +
              4 * 3 * (int)WORD_ORDERS + 2 + 2 + 14 +
-             3 * (int)(sizeof(ordered) / sizeof(ordered[0])) + 12);
+             3 * (int)(sizeof(ordered) / sizeof(ordered[0])) + 12 + 13);
     testDiag("Names");
     testNames();
     testDiag("Table");
@@ -676,6 +711,7 @@ MAIN(codecTest)
     testOrders();
     testDiag("BCD");
     testBcd();
+    testDigits();
     testDiag("Texts");
     testTexts();
     testTextOrders();

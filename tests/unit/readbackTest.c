@@ -50,7 +50,7 @@ static void leave(void)
 
 static unsigned show(const char *block)
 {
-    return plcReadbackTrack(r, block, out, now, LIMIT, through, NULL);
+    return plcReadbackTrack(r, block, NULL, out, now, LIMIT, through, NULL);
 }
 
 static char held(size_t offset)
@@ -240,18 +240,18 @@ static void testNew(void)
     plcReadbackNote(r, 0);
     plcReadbackAdd(r, &first, 0, 0, 1, NULL);
     plcReadbackTake(r, "abcd", NULL, out);
-    testOk(plcReadbackTakeNew(r, "xyz", out) == 0 && held(0) == 'a',
+    testOk(plcReadbackTakeNew(r, "xyz", NULL, out) == 0 && held(0) == 'a',
            "a place that has its value takes no other");
     plcReadbackAdd(r, &second, 1, 1, 1, NULL);
     plcReadbackAdd(r, &third, 2, 2, 1, NULL);
     putByte(2, 'P', NULL);
-    testOk(plcReadbackTakeNew(r, "xyz", out) == 1 && held(1) == 'y',
+    testOk(plcReadbackTakeNew(r, "xyz", NULL, out) == 1 && held(1) == 'y',
            "a new place takes what the PLC shows");
     testOk(held(2) == 'P' && held(0) == 'a', "but not where a put came first");
-    testOk(plcReadbackTakeNew(r, "xYz", out) == 0 && held(1) == 'y', "and once");
+    testOk(plcReadbackTakeNew(r, "xYz", NULL, out) == 0 && held(1) == 'y', "and once");
     plcReadbackRemove(r, &second);
     plcReadbackRemove(r, &third);
-    testOk(plcReadbackCount(r) == 1 && plcReadbackTakeNew(r, "x", out) == 0, "none is left");
+    testOk(plcReadbackCount(r) == 1 && plcReadbackTakeNew(r, "x", NULL, out) == 0, "none is left");
     end();
 }
 
@@ -265,10 +265,10 @@ static void testMore(void)
     plcReadbackTake(more, "a", NULL, out);
     putByte(0, 'b', NULL);
     plcImageHandOver(out);
-    plcReadbackTrack(more, "a", out, now, LIMIT, 1, NULL);
+    plcReadbackTrack(more, "a", NULL, out, now, LIMIT, 1, NULL);
     now += LIMIT;
     putByte(0, 'c', NULL);
-    testOk(plcReadbackTrack(more, "a", out, now, LIMIT, 1, NULL) == 0 && held(0) == 'c',
+    testOk(plcReadbackTrack(more, "a", NULL, out, now, LIMIT, 1, NULL) == 0 && held(0) == 'c',
            "a second list has its note with the put");
     end();
 }
@@ -306,19 +306,19 @@ static void testAfter(void)
     plcReadbackTake(r, "abc", NULL, out);
     putByte(0, 'X', NULL);
     now += 2 * LIMIT;
-    plcReadbackTrack(r, "abc", out, now, LIMIT, 1, &after);
+    plcReadbackTrack(r, "abc", NULL, out, now, LIMIT, 1, &after);
     testOk(held(0) == 'X', "a put that is not through stays, however long it takes");
-    plcReadbackTrack(r, "Xbd", out, now, LIMIT, 1, &after);
-    plcReadbackTrack(r, "abd", out, now, LIMIT, 1, &after);
+    plcReadbackTrack(r, "Xbd", NULL, out, now, LIMIT, 1, &after);
+    plcReadbackTrack(r, "abd", NULL, out, now, LIMIT, 1, &after);
     testOk(held(0) == 'X', "also when the PLC shows it, and then another value");
     testOk(held(2) == 'd', "another place follows");
     after = (plcShownAfter){1, "\0\1\0\0"};
-    plcReadbackTrack(r, "abe", out, now, LIMIT, 1, &after);
+    plcReadbackTrack(r, "abe", NULL, out, now, LIMIT, 1, &after);
     testOk(held(0) == 'X' && held(2) == 'e', "it is through, a bit of it was not read since");
     after.older = "\0\0\0\0";
-    plcReadbackTrack(r, "abe", out, now, LIMIT, 1, &after);
+    plcReadbackTrack(r, "abe", NULL, out, now, LIMIT, 1, &after);
     testOk(held(0) == 'a' && held(2) == 'e', "read after it was through: the PLC's value counts");
-    plcReadbackTrack(r, "zyx", out, now, LIMIT, 1, &after);
+    plcReadbackTrack(r, "zyx", NULL, out, now, LIMIT, 1, &after);
     testOk(held(0) == 'z' && held(1) == 'y' && held(2) == 'x',
            "places that share bytes follow at once");
     end();

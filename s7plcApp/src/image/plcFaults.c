@@ -207,6 +207,23 @@ int plcFaultsFind(plcFaults *faults, size_t offset, size_t length, const void *m
     return found != NULL;
 }
 
+int plcFaultsMask(plcFaults *faults, void *mask)
+{
+    epicsUInt8 *to = mask;
+    const cause *c;
+    size_t i;
+
+    if (!getBad(faults))
+        return 0;
+    memset(to, 0, faults->size);
+    epicsMutexMustLock(faults->lock);
+    for (c = faults->causes; c; c = c->next)
+        for (i = 0; c->count && i < faults->size; i++)
+            to[i] |= c->mask[i];
+    epicsMutexUnlock(faults->lock);
+    return 1;
+}
+
 size_t plcFaultsCount(plcFaults *faults, size_t offset, size_t length)
 {
     const cause *c;

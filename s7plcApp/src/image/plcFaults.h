@@ -35,6 +35,10 @@ int plcFaultsClearAll(plcFaults *faults);
 int plcFaultsFind(plcFaults *faults, size_t offset, size_t length, const void *mask,
                   char reason[PLC_REASON_SIZE]);
 
+/* Fills *mask, as long as the image, with the bad bits. Returns 1; or 0, without filling it, when there
+ * are none. */
+int plcFaultsMask(plcFaults *faults, void *mask);
+
 /* How many bits of these bytes are bad. */
 size_t plcFaultsCount(plcFaults *faults, size_t offset, size_t length);
 

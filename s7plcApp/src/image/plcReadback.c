@@ -204,7 +204,7 @@ unsigned plcReadbackTake(plcReadback *r, const void *block, const void *hidden, 
     return changed;
 }
 
-unsigned plcReadbackTakeNew(plcReadback *r, const void *block, plcImage *out)
+unsigned plcReadbackTakeNew(plcReadback *r, const void *block, const void *hidden, plcImage *out)
 {
     unsigned count = 0;
     place *p;
@@ -213,7 +213,7 @@ unsigned plcReadbackTakeNew(plcReadback *r, const void *block, plcImage *out)
         return 0;
     epicsMutexMustLock(r->lock);
     for (p = (place *)ellFirst(&r->places); p; p = (place *)ellNext(&p->node))
-        if (!p->taken) {
+        if (!p->taken && !isHidden(p, hidden)) {
             take(r, p, (const epicsUInt8 *)block + p->in, out);
             count++;
         }
@@ -426,7 +426,7 @@ static unsigned trackPlace(plcReadback *r, place *p, const epicsUInt8 *shown, pl
     return take(r, p, shown, out);
 }
 
-unsigned plcReadbackTrack(plcReadback *r, const void *block, plcImage *out,
+unsigned plcReadbackTrack(plcReadback *r, const void *block, const void *hidden, plcImage *out,
                           epicsUInt64 now, epicsUInt64 limit, int through,
                           const plcShownAfter *after)
 {
@@ -436,7 +436,8 @@ unsigned plcReadbackTrack(plcReadback *r, const void *block, plcImage *out,
 
     epicsMutexMustLock(r->lock);
     for (p = (place *)ellFirst(&r->places); p; p = (place *)ellNext(&p->node))
-        changed += trackPlace(r, p, (const epicsUInt8 *)block + p->in, out, &l);
+        if (!isHidden(p, hidden))
+            changed += trackPlace(r, p, (const epicsUInt8 *)block + p->in, out, &l);
     epicsMutexUnlock(r->lock);
     return changed;
 }

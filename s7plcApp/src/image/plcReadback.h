@@ -40,7 +40,8 @@ unsigned plcReadbackTake(plcReadback *readback, const void *block, const void *h
 
 /* The same, but only for the places that were added since the last plcReadbackTake, and that
  * nobody has put to meanwhile. Returns their number. */
-unsigned plcReadbackTakeNew(plcReadback *readback, const void *block, plcImage *out);
+unsigned plcReadbackTakeNew(plcReadback *readback, const void *block, const void *hidden,
+                            plcImage *out);
 
 /* --- Tracking: the image follows what the PLC shows from block to block -------------------
  *
@@ -77,8 +78,8 @@ typedef struct plcShownAfter {
  * reached the PLC. The limit counts from when the put has left. With `after` (NULL: it is not
  * known) neither time nor value counts: a place waits until it was read after its put was
  * through. Returns the number of places that changed. */
-unsigned plcReadbackTrack(plcReadback *readback, const void *block, plcImage *out,
-                          epicsUInt64 now, epicsUInt64 limit, int through,
+unsigned plcReadbackTrack(plcReadback *readback, const void *block, const void *hidden,
+                          plcImage *out, epicsUInt64 now, epicsUInt64 limit, int through,
                           const plcShownAfter *after);
 
 #endif /* INC_plcReadback_H */

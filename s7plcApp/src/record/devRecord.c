@@ -46,7 +46,7 @@ void devStamp(dbCommon *prec)
 }
 
 /* The reason that follows says more than the UDF alarm of an output without a value. */
-static void overUndefined(dbCommon *prec)
+void devOverUndefined(dbCommon *prec)
 {
     if (prec->nsta == UDF_ALARM)
         prec->nsev = NO_ALARM;
@@ -60,7 +60,7 @@ PLC_HOT devRecord *devOf(dbCommon *prec)
         plcClearMessage(prec);
         return dev;
     }
-    overUndefined(prec);
+    devOverUndefined(prec);
     recGblSetSevrMsg(prec, LINK_ALARM, INVALID_ALARM, "%s",
                      dev ? dev->reason : "no link to a PLC");
     devStampNow(prec);
@@ -102,7 +102,7 @@ long devRefuseWrite(dbCommon *prec, const char *format, ...)
     va_start(args, format);
     epicsVsnprintf(text, sizeof(text), format, args);
     va_end(args);
-    overUndefined(prec);
+    devOverUndefined(prec);
     recGblSetSevrMsg(prec, WRITE_ALARM, INVALID_ALARM, "%s", text);
     return -1;
 }

@@ -306,6 +306,8 @@ static void attach(dbCommon *prec)
 
         if (dev->has & plcHasR || (out && plcStationShowsOutputs(dev->station)))
             devFollowJoin(dev);
+        if (dev->shown && !dev->unseen)
+            dev->unseen = devNotShown;
         if (out && dev->faults)
             devListJoin(dev, devWaiting);
         plcStationOnTake(dev->station, devFollowAll);

@@ -80,7 +80,8 @@ typedef struct devRecord {
     epicsUInt8 *buffer; /* strings, arrays: `length` bytes in wire order, else NULL */
     /* outputs with a read-back */
     epicsUInt8 *shown; /* the bytes that VAL shows now, NULL: no read-back */
-    int known;         /* shown is filled */
+    int known;         /* shown is filled, */
+    int taken;         /* by what the PLC has, not by a put */
     int following;     /* the record processes in order to follow, not to write */
     int takes;         /* plcStationTakes when it followed last */
     int refused;       /* the write that runs was refused by the station */
@@ -191,6 +192,13 @@ long devInit(int after);
 long devInitRecord(dbCommon *prec);
 long devIointInfo(int leave, dbCommon *prec, IOSCANPVT *list);
 
+/* devRecord.unseen of outputs that follow: the PLC refuses to show the place of which VAL would be
+ * taken, or holds no BCD number there. */
+int devNotShown(const devRecord *dev, char reason[PLC_REASON_SIZE]);
+
+/* Raises READ_ALARM, and returns -1, when bytes of the place have digits that are none; else 0. */
+long devCheckDigits(dbCommon *prec, const devRecord *dev, const void *bytes);
+
 /* Finds the station of this name. Returns 0 and dev->station, or -1 with *error. */
 int devFindStation(devRecord *dev, const char *name, plcLinkError *error);
 
@@ -237,6 +245,9 @@ void devSilentUpdate(plcStation *station);
 
 /* The bits of the record's place that are its own, in wire order; NULL: all of them. */
 const void *devMask(const devRecord *dev, epicsUInt8 bytes[DEV_SCALAR]);
+
+/* Makes room for the alarm that is about to be raised, where the present one is only UDF. */
+void devOverUndefined(dbCommon *prec);
 
 /* A one-line warning about the record; it works all the same. */
 void devWarn(dbCommon *prec, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);

@@ -123,6 +123,8 @@ static long readArray(dbCommon *common, void *array, size_t nelm, epicsUInt32 *n
         return -1;
     *nord = toArray(dev, dev->buffer, array, nelm);
     common->udf = FALSE;
+    if (dev->type->kind == plcBcd)
+        devCheckDigits(common, dev, dev->buffer); /* the array shows what the bytes are */
     return 0;
 }
 

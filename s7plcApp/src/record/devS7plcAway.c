@@ -33,6 +33,8 @@ static long raiseAlarm(dbCommon *prec, devRecord *dev, epicsEnum16 alarm, const 
 {
     epicsEnum16 status = prec->nsta, severity = prec->nsev;
 
+    if (alarm == READ_ALARM)
+        devOverUndefined(prec);
     if (recGblSetSevrMsg(prec, alarm, INVALID_ALARM, "%s", reason)) {
         dev->raised = alarm;
         dev->hiddenStatus = status;

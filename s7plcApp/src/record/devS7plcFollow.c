@@ -27,13 +27,32 @@ static int isNews(const devRecord *dev, const epicsUInt8 *bytes)
     return (difference & (epicsInt64)dev->mask) != 0;
 }
 
+int devNotShown(const devRecord *dev, char reason[PLC_REASON_SIZE])
+{
+    int byBlock = dev->has & plcHasR; /* at connect by the registers */
+    plcFaults *inFaults = plcStationInFaults(dev->station);
+    epicsUInt8 bits[DEV_SCALAR];
+    const void *mask = devMask(dev, bits);
+
+    if (dev->known && plcIsWrong(dev->type, dev->shown, dev->length, dev->order, reason))
+        return 1;
+    if (dev->known && !dev->taken)
+        return 0; /* what was put */
+    if (byBlock)
+        return inFaults && plcFaultsFind(inFaults, dev->readback, dev->length, mask, reason);
+    return plcStationHides(dev->station, dev->offset, dev->length, mask, reason);
+}
+
 void devTakeValue(dbCommon *prec, devRecord *dev)
 {
     const devSupport *support = devSupportOf(prec);
+    char wrong[PLC_WRONG_SIZE];
 
     devShow(dev);
+    dev->taken = 1;
     devHasValue(dev);
-    support->follow(prec, dev, dev->shown);
+    if (!plcIsWrong(dev->type, dev->shown, dev->length, dev->order, wrong))
+        support->follow(prec, dev, dev->shown);
     prec->udf = FALSE;
 }
 
@@ -110,6 +129,7 @@ static void followRecord(dbCommon *prec, const plcStation *station, int takes)
 {
     devRecord *dev = prec->dpvt;
     int (*delays)(const dbCommon *prec) = devSupportOf(prec)->delays;
+    char reason[PLC_REASON_SIZE];
     int first;
 
     if (!dev || dev->station != station || !dev->shown)
@@ -121,6 +141,8 @@ static void followRecord(dbCommon *prec, const plcStation *station, int takes)
             dev->following = 1;
         return;
     }
+    if (!dev->known && dev->unseen && !dev->own && dev->unseen(dev, reason))
+        return; /* the image has no value of the PLC there */
     if (!hasNews(dev) && !endsRefusal(dev))
         return;
     if (delays)
@@ -194,4 +216,5 @@ void devWrote(devRecord *dev, const epicsUInt8 *bytes, const epicsUInt8 *mask)
         dev->shown[i] = (epicsUInt8)(mask ? (dev->shown[i] & ~mask[i]) | (bytes[i] & mask[i])
                                           : bytes[i]);
     dev->known = 1;
+    dev->taken = 0;
 }

@@ -96,6 +96,8 @@ PLC_HOT static long readAi(dbCommon *common)
         return -1;
     if (dev->type->kind == plcReal)
         return readAiReal(prec, plcGetReal(dev->type, bytes, dev->order));
+    if (dev->type->kind & plcCoded && devCheckDigits(common, dev, bytes))
+        return -1;
     raw = plcGetInt(dev->type, bytes, dev->order);
     prec->rval = (epicsInt32)raw;
     if (prec->udf)

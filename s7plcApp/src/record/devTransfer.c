@@ -53,12 +53,24 @@ PLC_HOT long devFetch(dbCommon *prec, void *bytes)
     return -1;
 }
 
+long devCheckDigits(dbCommon *prec, const devRecord *dev, const void *bytes)
+{
+    char text[PLC_WRONG_SIZE];
+
+    if (!plcIsWrong(dev->type, bytes, dev->length, dev->order, text))
+        return 0;
+    recGblSetSevrMsg(prec, READ_ALARM, INVALID_ALARM, "%s", text);
+    return -1;
+}
+
 PLC_HOT long devFetchInt(dbCommon *prec, epicsInt64 *value)
 {
     const devRecord *dev = prec->dpvt;
     epicsUInt8 bytes[DEV_SCALAR];
 
     if (devFetch(prec, bytes))
+        return -1;
+    if (dev->type->kind & plcCoded && devCheckDigits(prec, dev, bytes))
         return -1;
     *value = plcGetInt(dev->type, bytes, dev->order);
     return 0;
@@ -136,8 +148,10 @@ long devWrite(dbCommon *prec)
         return putEnds(prec, dev, reason);
     if (dev && dev->following) {
         dev->following = 0;
+        plcClearMessage(prec);
         devTakeValue(prec, dev);
-        return devRefused(prec, dev);
+        status = devRefused(prec, dev);
+        return status || dev->own ? status : devUnseen(prec, dev);
     }
     if (dev) {
         dev->refused = 0;

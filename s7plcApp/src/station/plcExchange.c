@@ -210,6 +210,25 @@ void plcExchangeLost(plcStation *s, const char *why)
         plcInputFollow(s, 0);
 }
 
+/* What the PLC does not show, for this reason, is told to records; mask NULL: all of it, or (reason
+ * "") nothing. */
+static void tellHidden(plcStation *s, const char *mask, const char *reason)
+{
+    size_t i, size = plcImageSize(s->out);
+    int changed = 0;
+
+    if (!s->hidden)
+        return;
+    for (i = 0; mask && i < size; i++)
+        s->exchange->mask[i] = (char)~mask[i];
+    if (mask || !reason[0])
+        changed = plcFaultsClear(s->hidden, 0, size, mask ? s->exchange->mask : NULL);
+    if (reason[0])
+        changed |= plcFaultsSet(s->hidden, 0, size, mask, reason);
+    if (changed)
+        plcInputFollow(s, 0);
+}
+
 void plcExchangeDown(plcStation *s)
 {
     plcExchange *x = s->exchange;
@@ -220,6 +239,7 @@ void plcExchangeDown(plcStation *s)
     plcInputRefused(s, 0, 0, "");
     plcImageAway(s->out, 1);
     epicsAtomicIncrIntT(&s->outLosses);
+    tellHidden(s, NULL, "");
     x->shown = s->unread = 0; /* no block may tell what the next connection is asked for */
     epicsAtomicSetIntT(&s->taken, 0);
     tellListener(s);
@@ -307,6 +327,7 @@ static void hide(plcStation *s)
     size_t i;
 
     x->hides = x->transport->hidden && x->transport->hidden(x->pvt, x->hidden);
+    tellHidden(s, x->hides ? x->hidden : NULL, x->hides ? x->why : "");
     if (!x->hides)
         return;
     plcImagePeek(s->out, 0, plcImageSize(s->out), x->image);
@@ -354,7 +375,8 @@ static void track(plcStation *s, epicsUInt64 now)
 
     if (x->transport->age)
         x->transport->age(x->pvt, &after.through, x->older);
-    places = plcReadbackTrack(s->tracked, x->output, s->out, now, limit, !x->ordered,
+    places = plcReadbackTrack(s->tracked, x->output, x->hides ? x->hidden : NULL, s->out, now,
+                              limit, !x->ordered,
                               x->transport->age ? &after : NULL);
     if (places)
         plcInputFollow(s, places);
@@ -429,8 +451,12 @@ int plcExchangeNews(plcStation *s, epicsUInt64 now, epicsUInt64 *wake,
             x->sign = now;
         if (news.log[0])
             plcStationLog(s, errlogMajor, news.log);
+        if (news.unread[0])
+            memcpy(x->why, news.unread, PLC_REASON_SIZE);
         if (news.shown)
             hide(s);
+        else if (news.unread[0])
+            tellHidden(s, NULL, x->why);
         /* Outputs that begin with the block are not to begin with a part of the registers. */
         byBlock = !news.shown || (x->hides && plcReadbackCount(s->readback));
         if (news.shown && !byBlock)

@@ -125,6 +125,8 @@ static void setTransport(plcStation *s, unsigned i, const plcTransport *transpor
         s->shows = 1;
         s->inFaults = setup.inFaults = setup.inSize ? plcFaultsCreate(s->inSize) : NULL;
         s->outFaults = setup.outFaults = plcFaultsCreate(s->outSize);
+        s->hidden = plcFaultsCreate(s->outSize);
+        s->notInBlock = callocMustSucceed(1, s->inSize + 1, "plcStationCreate");
     }
     if (transport->put)
         plcImageKeepPuts(s->out, PLC_PUTS_MAX);
@@ -375,6 +377,8 @@ void plcStationsDestroy(void)
         plcExchangeDestroy(s);
         plcFaultsDestroy(s->inFaults);
         plcFaultsDestroy(s->outFaults);
+        plcFaultsDestroy(s->hidden);
+        free(s->notInBlock);
         plcImageDestroy(s->in);
         plcImageDestroy(s->out);
         plcReadbackDestroy(s->readback);

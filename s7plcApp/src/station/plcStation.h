@@ -227,6 +227,11 @@ int plcStationOutputConnected(plcStation *station, char reason[PLC_REASON_SIZE])
 plcFaults *plcStationInFaults(plcStation *station);
 plcFaults *plcStationOutFaults(plcStation *station);
 
+/* Returns 1, and why, when the PLC does not show one of these bits (mask NULL: of these bytes) of the
+ * output image: nobody knows what it holds there. */
+int plcStationHides(plcStation *station, size_t offset, size_t length, const void *mask,
+                    char reason[PLC_REASON_SIZE]);
+
 /* Lists for get_ioint_info. Input: processed when a block came (option scan), and once when
  * data was lost; never before the first block. Length 0: with scan=changed only when data
  * comes or goes. Output: every sendInterval while connected, after the send. Status: when

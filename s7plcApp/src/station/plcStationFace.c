@@ -277,6 +277,12 @@ plcFaults *plcStationOutFaults(plcStation *s)
     return s->outFaults;
 }
 
+int plcStationHides(plcStation *s, size_t offset, size_t length, const void *mask,
+                    char reason[PLC_REASON_SIZE])
+{
+    return s->hidden && plcFaultsFind(s->hidden, offset, length, mask, reason);
+}
+
 IOSCANPVT plcStationInRecord(plcStation *s, size_t offset, size_t length,
                              struct dbCommon *prec, int leave)
 {

@@ -342,6 +342,12 @@ PLC_HOT void plcInputAliveStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake
     plcInputInvalidate(s, plcStateFrozen, "PLC frozen: alive word stands still");
 }
 
+/* The bits of the block that the PLC did not show; NULL: it has shown all. */
+static const void *notInBlock(plcStation *s)
+{
+    return s->inFaults && plcFaultsMask(s->inFaults, s->notInBlock) ? s->notInBlock : NULL;
+}
+
 /* The outputs take what the PLC shows. */
 PLC_COLD static void takeReadback(plcStation *s, const void *block)
 {
@@ -357,7 +363,7 @@ PLC_COLD static void takeReadback(plcStation *s, const void *block)
         epicsAtomicIncrIntT(&s->takes);
     if (first)
         epicsAtomicSetIntT(&s->followed, 0); /* as all that followers have put */
-    places = plcReadbackTake(s->readback, block, NULL, s->out);
+    places = plcReadbackTake(s->readback, block, notInBlock(s), s->out);
 
     epicsAtomicSetIntT(&s->taken, 1);
     plcInputHeld(s);
@@ -379,7 +385,7 @@ static void takeShown(plcStation *s, const void *block)
 /* Places of records that joined later, whose link is new: they begin with the PLC's value. */
 static void takeNew(plcStation *s, const void *block)
 {
-    unsigned places = plcReadbackTakeNew(s->readback, block, s->out);
+    unsigned places = plcReadbackTakeNew(s->readback, block, notInBlock(s), s->out);
 
     if (places)
         plcInputFollow(s, places);
@@ -391,7 +397,7 @@ static void trackReadback(plcStation *s, const void *block, epicsUInt64 now)
     epicsUInt64 limit = plcMsToNs(s->now.sendInterval + SHOWN_MS);
     int through = !plcReadbackWaiting(s->readback) || plcStationDelivered(s);
     unsigned places =
-        plcReadbackTrack(s->readback, block, s->out, now, limit, through, NULL);
+        plcReadbackTrack(s->readback, block, notInBlock(s), s->out, now, limit, through, NULL);
 
     if (places)
         plcInputFollow(s, places);

@@ -52,7 +52,8 @@ typedef struct plcExchange {
     char *input, *output;  /* as news brings them */
     char *image, *mask;    /* what is put next */
     char *hidden;          /* bits of `output` that the PLC does not show; */
-    int hides;             /* there are some */
+    int hides;             /* there are some, */
+    char why[PLC_REASON_SIZE]; /* and that is why */
     char *older;           /* bits of `output` that were not read since they were put */
     int waiting;           /* the connection is up, the worker has not got it yet */
     int shown;             /* `output` is news that nobody has looked at yet */
@@ -107,6 +108,8 @@ struct plcStation {
     int shows;             /* the transport of the outputs reads what the PLC holds of them, */
     int unread;            /* but this PLC does not show them; by the thread */
     plcFaults *inFaults, *outFaults; /* NULL: the wire does not tell */
+    plcFaults *hidden;     /* bits of the outputs that the PLC does not show, and why; or NULL */
+    epicsUInt8 *notInBlock; /* room for a mask of inFaults; by the thread */
 
     plcImage *in, *out;
     plcReadback *readback; /* places that take what blocks show of the outputs */

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include <epicsEndian.h>
+#include <epicsStdio.h>
 #include <epicsString.h>
 
 #include "plcCodec.h"
@@ -253,6 +254,39 @@ static NOINLINE epicsInt64 decode(const plcType *type, epicsUInt64 coded)
     for (shift = 8 * (int)type->size - 4; shift >= 0; shift -= 4)
         value = value * 10 + (epicsInt64)(coded >> shift & 0xF);
     return negative ? -value : value;
+}
+
+static int hasWrongDigit(epicsUInt64 coded, unsigned size)
+{
+    unsigned shift;
+
+    for (shift = 0; shift < 8 * size; shift += 4)
+        if ((coded >> shift & 0xF) > 9)
+            return 1;
+    return 0;
+}
+
+NOINLINE int plcIsWrong(const plcType *type, const void *bytes, size_t length, int order,
+                        char text[PLC_WRONG_SIZE])
+{
+    const epicsUInt8 *byte = bytes;
+    epicsUInt64 coded;
+    size_t i;
+
+    for (i = 0; type->kind == plcBcd && i < length; i++)
+        if (hasWrongDigit(byte[i], 1)) {
+            epicsSnprintf(text, PLC_WRONG_SIZE, "byte %lu is 0x%02X: no BCD", (unsigned long)i,
+                          byte[i]);
+            return 1;
+        }
+    if (!(type->kind & (plcDigits | plcSignedDigits)))
+        return 0;
+    coded = load(bytes, type->size, order, 0);
+    if (!hasWrongDigit(type->kind == plcDigits ? coded : coded & 0x7FFF, type->size))
+        return 0;
+    epicsSnprintf(text, PLC_WRONG_SIZE, "0x%0*llX is no BCD number", 2 * (int)type->size,
+                  (unsigned long long)coded);
+    return 1;
 }
 
 /* A number with more digits than there is room for is the largest, a negative one 0. */

@@ -76,6 +76,13 @@ int plcOrder(int bigEndian, int highWordFirst);
 epicsInt64 plcGetInt(const plcType *type, const void *bytes, int order);
 void plcPutInt(const plcType *type, void *bytes, int order, epicsInt64 value);
 
+/* A place with a digit that is none: fills `text` with what it holds, "0x1A2F is no BCD number", and
+ * returns 1; else returns 0. plcBcd: `length` bytes, the first of them that is wrong: "byte 3 is 0xFA: no
+ * BCD". Types without digits: always 0. */
+#define PLC_WRONG_SIZE 28
+int plcIsWrong(const plcType *type, const void *bytes, size_t length, int order,
+               char text[PLC_WRONG_SIZE]);
+
 /* REAL32 and REAL64 as double. A double beyond the range of REAL32 becomes infinite, as
  * IEEE 754 says. Type must be of kind plcReal. */
 double plcGetReal(const plcType *type, const void *bytes, int order);
@@ -87,7 +94,7 @@ void plcPutReal(const plcType *type, void *bytes, int order, double value);
 void plcCopyElements(void *dst, const void *src, unsigned size, size_t n, int order);
 
 /* BCD: one byte holds two decimal digits, 0x59 <-> 59. Decoding a byte whose nibbles are
- * not digits gives high*10 + low all the same (0xFF -> 165), so that nonsense is seen as
+ * not digits (plcIsWrong) gives high*10 + low all the same (0xFF -> 165), so that nonsense is seen as
  * nonsense. Encoding a value outside 0..99 writes value modulo 100. */
 void plcBcdDecode(epicsUInt8 *dst, const epicsUInt8 *src, size_t n);
 void plcBcdEncode(epicsUInt8 *dst, const epicsUInt8 *src, size_t n);
