@@ -307,8 +307,9 @@ static void tellOutputs(plcModbus *m)
     if (shown || !refused) {
         checkUnsure(m);
         memcpy(m->outNews, m->out, m->setup.outSize);
-        /* What waits is newer than what was read. */
-        plcImagePutsWaiting(m->setup.out, m->outNews, m->waiting);
+        /* What waits is newer than what was read, once outputs have what the PLC holds. */
+        if (m->mayWrite)
+            plcImagePutsWaiting(m->setup.out, m->outNews, m->waiting);
         m->news.shown = 1;
         m->news.unread[0] = 0;
     }

@@ -117,3 +117,42 @@ def test_tag_comes_back(plant, back):
         plant.ioc.wait_alarm("a", "NO_ALARM")
         assert plant.ioc.get("a") == back
     assert (7, 0) not in seen
+
+
+NOT_CONFIRMED = [("silent write next 1", 5, "no answer for 0.3 s"), ("drop write next 1", 5, "connection closed by PLC"),
+                 ("close write next 1", 9, ""), ("short 30 close write next 1", 9, ""),
+                 ("wrongcontext write next 1", 9, "")]
+
+
+@pytest.mark.parametrize("fault, holds, reason", NOT_CONFIRMED, ids=lambda p: str(p))
+def test_not_confirmed(plant, fault, holds, reason):
+    """A put without an answer ends, and has an alarm until the next one, but where the PLC holds it: {fault}"""
+    plant.tags("tag A DINT = 5", "tag B DINT", "tag W DINT = 1")
+    plant.records(rec("longout", "a", "A S 0.05"), rec("longout", "b", "B S 0.05"),
+                  rec("bo", "w", "W.0 S 0.05"), rec("longin", "in", "B S 0.05"),
+                  before="EIP_timeout(300)", configure=NO_TIME)
+    plant.ioc.wait_value("a", 5)
+    seen = heard(plant.ioc, "a")
+    plant.sim.command(f"etherip {fault}")
+    plant.ioc.put("a", 9)
+    plant.ioc.wait_alarm("in", "NO_ALARM")
+    plant.ioc.put("b", 7)
+    plant.ioc.wait_value("in", 7)
+    for _ in range(2):  # it is the same after one more connection
+        plant.ioc.wait_alarm("a", *(("INVALID", "WRITE", reason) if reason else ("NO_ALARM", "NO_ALARM")))
+        assert plant.ioc.text("a.AMSG") == reason
+        assert plant.ioc.get("a") == holds and plant.tag("A") == str(holds)
+        plant.ioc.wait_alarm("b", "NO_ALARM")
+        plant.ioc.wait_alarm("w", "NO_ALARM")
+        reconnect(plant)
+    assert (holds == 9 or seen[-1][1] == 3) and all(s for v, s in seen[1:] if v != holds), seen
+    plant.ioc.put("a", 11)
+    assert plant.ioc.alarm("a") == ("NO_ALARM", "NO_ALARM", "") and plant.tag("A") == "11"
+
+
+def reconnect(plant):
+    lost = plant.ioc.log_count("disconnected")
+    plant.sim.command("etherip close")
+    until(lambda: plant.ioc.log_count("disconnected") > lost)
+    plant.ioc.wait_alarm("in", "NO_ALARM")
+    plant.ioc.wait_alarm("b", "NO_ALARM")

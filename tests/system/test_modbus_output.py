@@ -631,6 +631,24 @@ def test_timeout(new_station):
     assert s.written() == {0, 5}
 
 
+def test_timeout_of_follower(new_station):
+    """no answer to the write of an output that follows: not sent again, the PLC's value with an alarm until a write is acknowledged"""
+    s = new_station(words(3), *OFTEN, "requestTimeout 200", "track on", complete="acknowledged")
+    s.ioc.put("o0", 1)
+    s.plc.silent = True
+    s.ioc.put("o2", 55)
+    s.plc.wait_connected(2)
+    s.plc.silent = False
+    s.ioc.wait_value("o2", 0)
+    s.ioc.wait_alarm("o2", "INVALID", "WRITE", "no answer for 200 ms")
+    s.ioc.put("o0", 3)
+    s.wait_register(0, 3)
+    assert s.ioc.alarm("o2")[:2] == ("INVALID", "WRITE") and s.written() == {0}
+    s.ioc.put("o2", 56)
+    s.wait_register(2, 56)
+    assert s.ioc.alarm("o2") == ("NO_ALARM", "NO_ALARM", "")
+
+
 def test_waiting_when_lost(new_station):
     """what waited behind a write without answer, or was put before the PLC answers again, has an alarm until it is written"""
     s = new_station(words(10), "requestTimeout 300", "readPeriod 0")

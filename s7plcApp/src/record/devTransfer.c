@@ -142,8 +142,10 @@ long devWrite(dbCommon *prec)
     char reason[PLC_REASON_SIZE];
     long status;
 
-    if (dev) /* what it had raised ends with this processing */
+    if (dev) { /* what it had raised ends with this processing */
         dev->raised = dev->back = 0;
+        plcClearMessage(prec);
+    }
     if (prec->pact && !support->delays) /* the put is through */
         return putEnds(prec, dev, reason);
     if (dev && dev->following) {

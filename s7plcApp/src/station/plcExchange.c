@@ -31,11 +31,13 @@ void plcExchangeCreate(plcStation *s, unsigned line)
     x->pvt = s->lines[line].pvt;
     x->line = line;
     x->input = callocMustSucceed(1, s->inSize + 1, "plcExchangeCreate");
-    x->output = callocMustSucceed(5, s->outSize + 1, "plcExchangeCreate");
+    x->output = callocMustSucceed(7, s->outSize + 1, "plcExchangeCreate");
     x->image = x->output + s->outSize;
     x->mask = x->image + s->outSize;
     x->hidden = x->mask + s->outSize;
     x->older = x->hidden + s->outSize;
+    x->unsure = x->older + s->outSize;
+    x->lost = x->unsure + s->outSize;
     if (x->transport->takesPuts)
         s->options.holdoff = 0; /* what comes while a request is under way gathers anyway */
     if (x->transport->used) {
@@ -204,8 +206,11 @@ static void tellThrough(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
 void plcExchangeLost(plcStation *s, const char *why)
 {
     plcExchange *x = s->exchange;
+    size_t i;
 
     plcImagePutsWaiting(s->out, x->image, x->mask);
+    for (i = 0; epicsAtomicGetIntT(&s->taken) && i < plcImageSize(s->out); i++)
+        x->unsure[i] |= x->mask[i];
     if (plcFaultsSet(s->outFaults, 0, plcImageSize(s->out), x->mask, why))
         plcInputFollow(s, 0);
 }
@@ -304,6 +309,22 @@ static void inputCame(plcStation *s, const plcNews *news, epicsUInt64 now)
                   news->blocks, now);
 }
 
+/* Before outputs take what the PLC shows: what was on its way when the connection was lost, and
+ * is not there, is a fault until a later write is acknowledged, though nobody tries again. */
+static void findLost(plcStation *s, const char *shown)
+{
+    plcExchange *x = s->exchange;
+    size_t i;
+
+    plcImagePeek(s->out, 0, plcImageSize(s->out), x->image);
+    for (i = 0; i < plcImageSize(s->out); i++) {
+        if (x->lost[i] && !plcFaultsCount(s->outFaults, i, 1))
+            x->lost[i] = 0;
+        x->lost[i] |= x->unsure[i] & (x->image[i] ^ shown[i]);
+        x->unsure[i] = 0;
+    }
+}
+
 /* What the PLC holds as we do is no fault any more. An alarm elsewhere ends with a write that
  * is acknowledged; so does that of a put that waits, which `shown` has as if it were there. */
 static void forgetFaults(plcStation *s, const char *shown)
@@ -316,7 +337,7 @@ static void forgetFaults(plcStation *s, const char *shown)
         x->mask[i] = (char)~(x->image[i] ^ shown[i]);
     plcImagePutsWaiting(s->out, NULL, x->image);
     for (i = 0; i < plcImageSize(s->out); i++)
-        x->mask[i] &= (char)~(x->image[i] | (x->hides ? x->hidden[i] : 0));
+        x->mask[i] &= (char)~(x->image[i] | x->lost[i] | (x->hides ? x->hidden[i] : 0));
     plcFaultsClear(s->outFaults, 0, plcImageSize(s->out), x->mask);
 }
 
@@ -348,6 +369,7 @@ static void outputsTake(plcStation *s, char *shown)
     if (shown) {
         const char *hidden = x->hides ? x->hidden : NULL;
 
+        findLost(s, shown);
         places = plcReadbackTake(s->atConnect, shown, hidden, s->out) +
                  plcReadbackTake(s->tracked, shown, hidden, s->out);
         forgetFaults(s, shown);

@@ -55,6 +55,8 @@ typedef struct plcExchange {
     int hides;             /* there are some, */
     char why[PLC_REASON_SIZE]; /* and that is why */
     char *older;           /* bits of `output` that were not read since they were put */
+    char *unsure;          /* bits that were on their way when the connection was lost, */
+    char *lost;            /* and those that the PLC did not hold after that */
     int waiting;           /* the connection is up, the worker has not got it yet */
     int shown;             /* `output` is news that nobody has looked at yet */
     epicsUInt64 ordered;   /* when the oldest put under way was made; 0: none is */
