@@ -18,7 +18,9 @@ typedef struct devEip {
     size_t at;            /* of the place in both images, bytes */
     size_t room;          /* of the place, bytes */
     epicsUInt32 elements; /* of an array */
+    const eipType *holds; /* what the record can have of it, NULL: any number */
     int counted;          /* an index that counts bits led to it: not one of single BOOLs */
+    int ofNumber;         /* its bits are the low ones of the whole number, none was named */
     unsigned shift;       /* of the bits that are the record's own; all: dev->mask is 0 */
     epicsUInt64 across;   /* bits that lie in two elements; 0: they do not. Inputs: the place
                            * is an array of two */
@@ -27,6 +29,7 @@ typedef struct devEip {
     int force;            /* the PLC's value is written over, not followed, */
     int forced;           /* once the record has a value of its own */
     eipStatistic statistic;
+    char misfit[PLC_REASON_SIZE]; /* outputs: why the record cannot have what the PLC shows */
 } devEip;
 
 static inline devEip *eipOf(const devRecord *dev)
@@ -56,11 +59,21 @@ long devEipFetchPlace(dbCommon *prec, epicsUInt8 *bytes);
 /* Writes a number: whole, or its bits. Returns as devStore. */
 long devEipStore(dbCommon *prec, const eipNumber *number);
 
-/* Writes a text / an array of `count` elements of this kind and size, in the byte order of
- * the machine. */
+/* Writes a text / an array of `count` elements, in the byte order of the machine. */
 long devEipStoreText(dbCommon *prec, const char *text, size_t length);
-long devEipStoreArray(dbCommon *prec, const void *array, eipKind kind, unsigned size,
-                      size_t count);
+long devEipStoreArray(dbCommon *prec, const void *array, size_t count);
+
+/* Elements of the type `from` into those of the record's array; NULL: only to see whether it can
+ * have them. Returns 0; or -1 when it cannot have one of them, and why. */
+int devEipElements(const devRecord *dev, const eipType *from, const epicsUInt8 *bytes, size_t count,
+                   void *array, char reason[PLC_REASON_SIZE]);
+
+/* The record cannot show what the PLC has, for this reason. Returns -1. */
+long devEipUnshown(dbCommon *prec, const char *reason);
+
+/* Why there is no value for the record in what the PLC shows of an output: bits that the type has
+ * not, a number that the record has not. Returns 0: there is. */
+int devEipLacks(const devRecord *dev, char reason[PLC_REASON_SIZE]);
 
 /* The value cannot be written, for this reason. Returns -1. */
 long devEipRefuse(dbCommon *prec, const char *format, const char *what);
@@ -68,7 +81,7 @@ long devEipRefuse(dbCommon *prec, const char *format, const char *what);
 /* The type of the tag as it was read last, NULL: not known. */
 const eipType *devEipType(const devRecord *dev);
 
-/* What the 8 bytes of a cell mean for an output that follows. */
+/* What the 8 bytes of a cell mean for an output that follows: the nearest number that it has. */
 void devEipShown(const devRecord *dev, const epicsUInt8 *bytes, eipNumber *number);
 
 /* The transfer of all outputs: devWrite, or with FORCE the value again. */
@@ -77,7 +90,7 @@ long devEipWrite(dbCommon *prec);
 /* Will it take the PLC's value, when it processes to follow? */
 int devEipFollows(const dbCommon *prec);
 
-/* An integer from a number: a real one is rounded, what does not fit is cut. */
+/* An integer from a number: a real one is rounded; the nearest one there is. */
 epicsInt64 devEipInteger(const eipNumber *number);
 
 static inline eipNumber devEipSigned(epicsInt64 value)

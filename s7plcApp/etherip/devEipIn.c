@@ -1,6 +1,7 @@
 /* Device support "EtherIP": the input records. One adapter and one row per record type; the way
  * from the link to the value is in devEip.c.
  */
+#include <math.h>
 #include <string.h>
 
 #include <aaiRecord.h>
@@ -90,6 +91,8 @@ static long readBi(dbCommon *common)
 
     if (devEipFetch(common, &number))
         return -1;
+    if (isnan(eipNumberReal(&number)))
+        return devEipUnshown(common, "NaN is no whole number");
     ((biRecord *)common)->rval = eipNumberReal(&number) != 0;
     return 0;
 }
@@ -179,45 +182,14 @@ static long readLsi(dbCommon *common)
 
 /* --- Arrays -------------------------------------------------------------------------------------- */
 
-/* One element of a record's array. */
-static void putElement(void *array, int ftvl, size_t i, const eipNumber *number)
-{
-    epicsInt64 integer = devEipInteger(number);
-
-    switch (ftvl) {
-    case menuFtypeCHAR:
-    case menuFtypeUCHAR:
-        ((epicsUInt8 *)array)[i] = (epicsUInt8)integer;
-        break;
-    case menuFtypeSHORT:
-    case menuFtypeUSHORT:
-    case menuFtypeENUM:
-        ((epicsUInt16 *)array)[i] = (epicsUInt16)integer;
-        break;
-    case menuFtypeLONG:
-    case menuFtypeULONG:
-        ((epicsUInt32 *)array)[i] = (epicsUInt32)integer;
-        break;
-    case menuFtypeINT64:
-    case menuFtypeUINT64:
-        ((epicsInt64 *)array)[i] = integer;
-        break;
-    case menuFtypeFLOAT:
-        ((epicsFloat32 *)array)[i] = (epicsFloat32)eipNumberReal(number);
-        break;
-    default:
-        ((epicsFloat64 *)array)[i] = eipNumberReal(number);
-        break;
-    }
-}
-
-/* Returns the number of elements, or -1. */
-static long readArray(dbCommon *common, void *array, int ftvl, size_t nelm)
+/* Returns the number of elements, or -1: the array stays as it is. */
+static long readArray(dbCommon *common, void *array, size_t nelm)
 {
     devRecord *dev = devOf(common);
+    char reason[PLC_REASON_SIZE];
     const epicsUInt8 *place;
     const eipType *type;
-    size_t n, i;
+    size_t n;
 
     if (!dev || devEipFetchPlace(common, dev->buffer))
         return -1;
@@ -226,12 +198,9 @@ static long readArray(dbCommon *common, void *array, int ftvl, size_t nelm)
     n = (size_t)eipGetUnsigned(place + eipPlaceCountAt, 4);
     if (!type || !type->size || n > nelm)
         n = 0;
-    for (i = 0; i < n; i++) {
-        eipNumber number;
-
-        eipNumberGet(type, place + eipPlaceHead + i * type->size, &number);
-        putElement(array, ftvl, i, &number);
-    }
+    if (n && (devEipElements(dev, type, place + eipPlaceHead, n, NULL, reason) ||
+              devEipElements(dev, type, place + eipPlaceHead, n, array, reason)))
+        return devEipUnshown(common, reason);
     common->udf = FALSE;
     return (long)n;
 }
@@ -239,7 +208,7 @@ static long readArray(dbCommon *common, void *array, int ftvl, size_t nelm)
 static long readWaveform(dbCommon *common)
 {
     waveformRecord *prec = (waveformRecord *)common;
-    long n = readArray(common, prec->bptr, prec->ftvl, prec->nelm);
+    long n = readArray(common, prec->bptr, prec->nelm);
 
     if (n < 0)
         return -1;
@@ -250,7 +219,7 @@ static long readWaveform(dbCommon *common)
 static long readAai(dbCommon *common)
 {
     aaiRecord *prec = (aaiRecord *)common;
-    long n = readArray(common, prec->bptr, prec->ftvl, prec->nelm);
+    long n = readArray(common, prec->bptr, prec->nelm);
 
     if (n < 0)
         return -1;

@@ -28,8 +28,8 @@
 
 /* --- ao and calcout ------------------------------------------------------------------------------ */
 
-/* Real tags get the value as it is; integers what the record has made of it, but a value beyond
- * RVAL that is not converted leaves as it is, rounded. */
+/* Real tags get the value as it is; integers what the record has made of it, also where that is
+ * beyond RVAL. */
 static long writeAo(dbCommon *common)
 {
     aoRecord *prec = (aoRecord *)common;
@@ -42,12 +42,12 @@ static long writeAo(dbCommon *common)
     if (!dev)
         return -1;
     type = devEipType(dev);
-    if ((type && type->kind == eipReal) || plain)
+    if ((type && type->kind == eipReal) || plain || isnan(prec->oval))
         number = devEipReal(prec->oval);
+    else if (prec->rval == 0x7fffffff || prec->rval == -0x7fffffff - 1)
+        number = devEipReal(devAoRaw(prec));
     else
         number = devEipSigned(prec->rval);
-    if (dev->mask)
-        number = devEipSigned(devEipInteger(&number));
     return devEipStore(common, &number);
 }
 
@@ -190,20 +190,19 @@ static long writeLongout(dbCommon *common)
 static void followLongout(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
 {
     eipNumber number;
+    epicsInt64 value;
 
     devEipShown(dev, bytes, &number);
-    ((longoutRecord *)common)->val = (epicsInt32)devEipInteger(&number);
+    value = devEipInteger(&number);
+    ((longoutRecord *)common)->val = value > 0x7fffffff      ? 0x7fffffff
+                                     : value < -0x7fffffff - 1 ? -0x7fffffff - 1
+                                                               : (epicsInt32)value;
 }
 
-/* A ULINT above 2^63 is negative here. */
 static long writeInt64out(dbCommon *common)
 {
-    devRecord *dev = devOf(common);
-    const eipType *type = dev ? devEipType(dev) : NULL;
     eipNumber number = devEipSigned(((int64outRecord *)common)->val);
 
-    if (type && type->kind == eipUnsigned && type->size == 8)
-        number.kind = eipUnsigned;
     return devEipStore(common, &number);
 }
 
@@ -267,47 +266,32 @@ static void followLso(dbCommon *common, const devRecord *dev, const epicsUInt8 *
 
 /* --- aao ----------------------------------------------------------------------------------------- */
 
-static const struct {
-    eipKind kind;
-    unsigned size;
-} elements[] = {
-    [menuFtypeCHAR] = {eipSigned, 1},   [menuFtypeUCHAR] = {eipUnsigned, 1},
-    [menuFtypeSHORT] = {eipSigned, 2},  [menuFtypeUSHORT] = {eipUnsigned, 2},
-    [menuFtypeLONG] = {eipSigned, 4},   [menuFtypeULONG] = {eipUnsigned, 4},
-    [menuFtypeINT64] = {eipSigned, 8},  [menuFtypeUINT64] = {eipUnsigned, 8},
-    [menuFtypeFLOAT] = {eipReal, 4},    [menuFtypeDOUBLE] = {eipReal, 8},
-    [menuFtypeENUM] = {eipUnsigned, 2},
-};
-
 /* The NORD elements of the last put. */
 static long writeAao(dbCommon *common)
 {
     aaoRecord *prec = (aaoRecord *)common;
 
-    return devEipStoreArray(common, prec->bptr, elements[prec->ftvl].kind,
-                            elements[prec->ftvl].size, prec->nord);
+    return devEipStoreArray(common, prec->bptr, prec->nord);
 }
 
-/* The bytes begin with kind and size of an element, then their number. */
+/* The bytes begin with kind and size of an element, then their number. An array of which the record
+ * cannot have an element is not taken. */
 static void followAao(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
 {
     aaoRecord *prec = (aaoRecord *)common;
     eipType from = {"", 0, (eipKind)bytes[0], bytes[1]};
-    eipKind kind = elements[prec->ftvl].kind;
-    unsigned size = elements[prec->ftvl].size;
-    size_t n = (size_t)eipGetUnsigned(bytes + 2, 4), i;
-    eipType to = {"", 0, kind, size};
+    const eipType *type = devEipType(dev);
+    size_t n = (size_t)eipGetUnsigned(bytes + 2, 4);
+    char *misfit = eipOf(dev)->misfit;
 
+    if (type && type->kind == from.kind && type->size == from.size)
+        from = *type;
+    misfit[0] = 0;
     if (!from.size || from.size > 8 || n > prec->nelm || n * from.size > dev->length - 6)
         return;
-    for (i = 0; i < n; i++) {
-        epicsUInt8 raw[8] = {0};
-        eipNumber number;
-
-        eipNumberGet(&from, bytes + 6 + i * from.size, &number);
-        eipNumberPut(&to, raw, &number);
-        plcCopyElements((epicsUInt8 *)prec->bptr + i * size, raw, size, 1, plcLittleEndian);
-    }
+    if (devEipElements(dev, &from, bytes + 6, n, NULL, misfit) ||
+        devEipElements(dev, &from, bytes + 6, n, prec->bptr, misfit))
+        return;
     prec->nord = (epicsUInt32)n;
 }
 

@@ -16,6 +16,7 @@
 #include <mbbiRecord.h>
 #include <mbboDirectRecord.h>
 #include <mbboRecord.h>
+#include <menuFtype.h>
 #include <waveformRecord.h>
 
 #include "plcCompat.h"
@@ -86,7 +87,8 @@ static int isUnseen(const devRecord *dev, char reason[PLC_REASON_SIZE])
     return own->place &&
            (plcFaultsFind(faults, own->at, own->room, NULL, reason) ||
             (own->second && plcFaultsFind(faults, eipPlaceOffset(own->second), eipCellSize, NULL,
-                                          reason)));
+                                          reason)) ||
+            devEipLacks(dev, reason));
 }
 
 static void forget(devRecord *dev)
@@ -154,6 +156,7 @@ static int take(dbCommon *prec, devRecord *dev, const eipLink *link, const eipWa
     dev->order = plcLittleEndian;
     dev->offset = own->at + skip;
     dev->length = own->room - skip;
+    dev->head = skip;
     if (wish->kind != eipCell)
         dev->buffer = callocMustSucceed(1, own->room, "EtherIP");
     eipPlcWantsChanged(own->plc);
@@ -177,7 +180,9 @@ static int takeCell(dbCommon *prec, devRecord *dev, eipLink *link, unsigned bits
 
     if (link->bit >= 0 && !bits)
         bits = 1;
+    own->ofNumber = link->bit < 0;
     if (link->bit < 0 && link->hasIndex && bits && !link->alone) {
+        own->ofNumber = 0;
         own->counted = link->index > 0;
         link->bit = (int)(link->index & 31);
         link->index >>= 5;
@@ -198,6 +203,26 @@ static int takeCell(dbCommon *prec, devRecord *dev, eipLink *link, unsigned bits
     return 0;
 }
 
+/* What VAL of this record type can have; NULL: any number. */
+static const eipType *numberOf(const char *recordType)
+{
+    if (strncmp(recordType, "long", 4) == 0)
+        return eipTypeNamed("DINT");
+    return strncmp(recordType, "int64", 5) == 0 ? eipTypeNamed("LINT") : NULL;
+}
+
+/* What an element of this FTVL can have. */
+static const eipType *elementOf(int ftvl)
+{
+    static const char *const names[] = {
+        [menuFtypeCHAR] = "SINT",  [menuFtypeUCHAR] = "USINT",  [menuFtypeSHORT] = "INT",
+        [menuFtypeUSHORT] = "UINT", [menuFtypeLONG] = "DINT",   [menuFtypeULONG] = "UDINT",
+        [menuFtypeINT64] = "LINT", [menuFtypeUINT64] = "ULINT", [menuFtypeFLOAT] = "REAL",
+        [menuFtypeDOUBLE] = "LREAL", [menuFtypeENUM] = "UINT"};
+
+    return eipTypeNamed(names[ftvl]);
+}
+
 int devEipNumber(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *error)
 {
     eipLink link;
@@ -208,6 +233,7 @@ int devEipNumber(dbCommon *prec, devRecord *dev, const char *text, plcLinkError 
         dev->image = plcStationInput(dev->station);
         return 0;
     }
+    eipOf(dev)->holds = numberOf(supportOf(prec)->shape.recordType);
     return takeCell(prec, dev, &link, 0, error);
 }
 
@@ -279,6 +305,7 @@ int devEipBits(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *e
 
     if (begin(prec, dev, text, &link, error))
         return -1;
+    eipOf(dev)->holds = eipTypeOf(eipDword);
     if (nobt > 32)
         return plcLinkFail(error, 0, "NOBT is %u; allowed: 0 (all) to 32", nobt);
     if (link.hasIndex && !link.alone) {
@@ -342,5 +369,8 @@ int devEipArray(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *
     if (wish.count == 0 || wish.count > 65535)
         return plcLinkFail(error, 0, "NELM is %u; allowed: 1 to 65535", wish.count);
     eipOf(dev)->elements = wish.count;
+    eipOf(dev)->holds = elementOf(type[0] == 'w'   ? ((waveformRecord *)prec)->ftvl
+                                  : type[2] == 'i' ? ((aaiRecord *)prec)->ftvl
+                                                   : ((aaoRecord *)prec)->ftvl);
     return take(prec, dev, &link, &wish, eipPlaceKindAt, error);
 }

@@ -258,7 +258,7 @@ static void storeUnit(eipWorker *w, eipUnit *u, const eipData *data)
     for (i = u->from; i < u->from + u->pieces; i++) {
         const eipPiece *p = &t->pieces[i];
         const eipWant *want = &t->wants[p->want];
-        int wasBad = !w->in[want->place] && !w->in[want->place + 1];
+        unsigned before = (unsigned)eipGetUnsigned(w->in + want->place, 2);
 
         memset(w->written + want->place, 0, want->room);
         if (want->kind == eipTextPlace && p->text == eipTextPerhaps && templatesCome(w))
@@ -266,7 +266,7 @@ static void storeUnit(eipWorker *w, eipUnit *u, const eipData *data)
         why = eipPieceStore(t, p, data->bytes, data->length, w->in);
         if (why)
             eipWorkerBad(w, want, why);
-        else if (wasBad) {
+        else if (before != p->code) { /* it has a value again, or it is another one */
             memset(w->back + want->place, 0xff, want->room);
             w->someBack = 1;
         }

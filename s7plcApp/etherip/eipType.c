@@ -27,10 +27,10 @@ const eipType eipTypes[] = {
     {"REAL",         eipRealCode,      eipReal,      4},
     {"LREAL",        0xcb,             eipReal,      8},
     {"STRING",       eipStringCode,    eipText,      0},
-    {"BYTE",         0xd1,             eipUnsigned,  1},
+    {"BYTE",         eipByte,          eipUnsigned,  1},
     {"WORD",         0xd2,             eipUnsigned,  2},
     {"DWORD",        eipDword,         eipUnsigned,  4},
-    {"LWORD",        0xd4,             eipUnsigned,  8},
+    {"LWORD",        eipLword,         eipUnsigned,  8},
     {"SHORT_STRING", eipShortString,   eipText,      0},
     {"STIME",        0xcc,             eipSigned,    4},
     {"DATE",         0xcd,             eipUnsigned,  2},
@@ -164,6 +164,67 @@ int eipNumberPut(const eipType *type, epicsUInt8 *raw, const eipNumber *number)
     else if (!fits(type, number, value))
         return -1;
     eipSetUnsigned(raw, type->size, (epicsUInt64)value);
+    return 0;
+}
+
+static int isBits(const eipType *type)
+{
+    return type->code >= eipByte && type->code <= eipLword;
+}
+
+/* Does an integer go over bit by bit, whatever number that is? */
+static int keepsBits(const eipType *to, const eipType *from, epicsUInt64 bits)
+{
+    if (isBits(to) || isBits(from))
+        return bits <= ~(epicsUInt64)0 >> (64 - 8 * to->size);
+    return to->size == 1 && from->size == 1;
+}
+
+/* "2147483647"; `brief`: "2^31-1". */
+static void limitText(const eipType *type, int isLow, int brief, char *text, size_t size)
+{
+    unsigned bits = 8 * type->size - (type->kind == eipSigned);
+
+    if (type->kind == eipReal)
+        epicsSnprintf(text, size, "%s%.4g", isLow ? "-" : "", type->size == 4 ? FLT_MAX : DBL_MAX);
+    else if (isLow && type->kind == eipUnsigned)
+        epicsSnprintf(text, size, "0");
+    else if (brief || bits > 32)
+        epicsSnprintf(text, size, isLow ? "-2^%u" : "2^%u-1", bits);
+    else
+        epicsSnprintf(text, size, "%lld",
+                      isLow ? -(1ll << bits) : (long long)((epicsUInt64)1 << bits) - 1);
+}
+
+static void misfitText(const eipType *to, const eipType *from, const eipNumber *number, char *why,
+                       size_t size)
+{
+    char value[32], limit[32];
+    int isLow = eipNumberReal(number) < 0;
+
+    if (number->kind == eipReal)
+        epicsSnprintf(value, sizeof(value), "%.6g", number->u.real);
+    else
+        eipNumberText(from, number, value, sizeof(value));
+    limitText(to, isLow, strlen(value) > 16, limit, sizeof(limit)); /* AMSG is short */
+    if (number->kind == eipReal && isnan(number->u.real))
+        epicsSnprintf(why, size, "NaN is no whole number");
+    else
+        epicsSnprintf(why, size, "%s is %s %s", value, isLow ? "below" : "above", limit);
+}
+
+int eipNumberAs(const eipType *to, const eipType *from, eipNumber *number, char *why, size_t size)
+{
+    epicsUInt64 bits = (epicsUInt64)number->u.integer & ~(epicsUInt64)0 >> (64 - 8 * from->size);
+    epicsUInt8 raw[8];
+
+    if (to->kind != eipReal && number->kind != eipReal && keepsBits(to, from, bits)) {
+        eipSetUnsigned(raw, to->size, bits);
+    } else if (eipNumberPut(to, raw, number)) {
+        misfitText(to, from, number, why, size);
+        return -1;
+    }
+    eipNumberGet(to, raw, number);
     return 0;
 }
 

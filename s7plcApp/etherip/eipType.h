@@ -26,7 +26,9 @@ enum {
     eipUsint = 0xc6,
     eipRealCode = 0xca,
     eipStringCode = 0xd0,      /* length UINT, characters: not of Logix */
+    eipByte = 0xd1,            /* the first that are bits, no numbers, */
     eipDword = 0xd3,           /* BOOL[32] */
+    eipLword = 0xd4,           /* and the last */
     eipShortString = 0xda,     /* length USINT, characters */
     eipStructureCode = 0x02a0, /* a handle follows */
     eipStringHandle = 0x0fce,  /* that of STRING: LEN DINT, DATA SINT[82], 2 bytes */
@@ -67,6 +69,11 @@ void eipNumberGet(const eipType *type, const epicsUInt8 *raw, eipNumber *number)
  * Returns 0; or -1 when the type has not this value (nothing is written). A number that is
  * too large for REAL does not fit; infinity and NaN do. */
 int eipNumberPut(const eipType *type, epicsUInt8 *raw, const eipNumber *number);
+
+/* A number of the type `from` as a variable of the type `to` has it. Where one of them is BYTE ...
+ * LWORD, or both have one byte (characters), bits stay bits, as long as there is room for them.
+ * Returns 0; or -1 when `to` has no such number, and why: "4000000000 is above 2147483647". */
+int eipNumberAs(const eipType *to, const eipType *from, eipNumber *number, char *why, size_t size);
 
 double eipNumberReal(const eipNumber *number);
 

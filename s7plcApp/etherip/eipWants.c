@@ -15,11 +15,25 @@ static int byPlace(const void *a, const void *b)
     return x->place < y->place ? -1 : x->place > y->place;
 }
 
+/* What nobody wants any more has no value: who wants it again gets a new one. */
+static void forgetLeft(eipWorker *w, const eipPlaced *before, unsigned count)
+{
+    unsigned i, k = 0;
+
+    for (i = 0; i < count; i++) {
+        while (k < w->tags.wantCount && w->byPlace[k].place < before[i].place)
+            k++;
+        if (k < w->tags.wantCount && w->byPlace[k].place == before[i].place)
+            continue;
+        memset(w->in + before[i].place, 0, 2);
+        w->stored = 1;
+    }
+}
+
 static void sortByPlace(eipWorker *w)
 {
     unsigned n = w->tags.wantCount, i;
 
-    free(w->byPlace);
     free(w->queued);
     w->byPlace = callocMustSucceed(n + 1, sizeof(*w->byPlace), "etherip");
     w->queued = callocMustSucceed(n + 1, 1, "etherip");
@@ -48,7 +62,8 @@ unsigned eipWantsBehind(const eipWorker *w, size_t offset)
 int eipWantsTake(eipWorker *w)
 {
     eipWant *wants = NULL;
-    unsigned count = 0, i;
+    eipPlaced *before = w->byPlace;
+    unsigned count = 0, had = w->tags.wantCount, i;
     size_t used;
 
     if (!w->source(w->sourceArg, &wants, &count, &used))
@@ -65,6 +80,8 @@ int eipWantsTake(eipWorker *w)
     eipTagsSet(&w->tags, wants, count);
     epicsMutexUnlock(w->tagsLock);
     sortByPlace(w);
+    forgetLeft(w, before, had);
+    free(before);
     w->browser.stage = w->browser.stage == eipBrowseNot ? eipBrowseNot : eipBrowseProgram;
     eipBrowseEnd(w);
     w->replan = 1;

@@ -219,7 +219,8 @@ static const char *arrayItem(eipWorker *w, batch *b, unsigned tag, unsigned want
         eipNumber number;
 
         eipNumberGet(&from, place + eipPlaceHead + i * from.size, &number);
-        if (eipNumberPut(type, it->bytes + i * type->size, &number)) {
+        if (eipNumberAs(type, &from, &number, w->noFit, sizeof(w->noFit)) ||
+            eipNumberPut(type, it->bytes + i * type->size, &number)) {
             free(it->bytes);
             b->count--;
             return noFit(w, type);

@@ -174,6 +174,56 @@ static void testStrings(void)
     testOk(!eipTextGet(eipStructureCode, raw, 88, &n), "nor is a negative one");
 }
 
+static const struct {
+    const char *from, *bytes, *to;
+    const char *as; /* bytes; or why not */
+} casts[] = {
+    {"UDINT", "FF FF FF 7F",             "DINT",  "FF FF FF 7F"                       },
+    {"UDINT", "00 28 6B EE",             "DINT",  "4000000000 is above 2147483647"    },
+    {"LINT",  "FF FF FF 7F FF FF FF FF", "DINT",  "-2147483649 is below -2147483648"  },
+    {"ULINT", "FF FF FF FF FF FF FF FF", "LINT",  "18446744073709551615 is above 2^63-1"},
+    {"ULINT", "FF FF FF FF FF FF FF FF", "DINT",  "18446744073709551615 is above 2^31-1"},
+    {"LINT",  "00 00 00 00 00 00 00 80", "DINT",  "-9223372036854775808 is below -2^31"},
+    {"SINT",  "FF",                      "UDINT", "-1 is below 0"                     },
+    {"SINT",  "FF",                      "INT",   "FF FF"                             },
+    {"SINT",  "FF",                      "USINT", "FF"                                },
+    {"INT",   "C8 00",                   "SINT",  "200 is above 127"                  },
+    {"DWORD", "FF FF FF FF",             "DINT",  "FF FF FF FF"                       },
+    {"DINT",  "FF FF FF FF",             "DWORD", "FF FF FF FF"                       },
+    {"INT",   "FF FF",                   "DWORD", "FF FF 00 00"                       },
+    {"DINT",  "FF FF FF FF",             "WORD",  "-1 is below 0"                     },
+    {"LWORD", "FF FF FF FF 01 00 00 00", "DINT",  "8589934591 is above 2147483647"    },
+    {"LWORD", "FF FF FF FF FF FF FF FF", "LINT",  "FF FF FF FF FF FF FF FF"           },
+    {"REAL",  "CA F2 49 71",             "DINT",  "1e+30 is above 2147483647"         },
+    {"REAL",  "CA F2 49 71",             "LINT",  "1e+30 is above 2^63-1"             },
+    {"REAL",  "00 00 C0 7F",             "LINT",  "NaN is no whole number"            },
+    {"REAL",  "00 00 80 FF",             "DINT",  "-inf is below -2147483648"         },
+    {"REAL",  "00 00 20 C0",             "DINT",  "FD FF FF FF"                       },
+    {"LREAL", "9C 75 00 88 3C E4 37 7E", "REAL",  "1e+300 is above 3.403e+38"         },
+    {"BOOL",  "FF",                      "DINT",  "01 00 00 00"                       },
+};
+
+static void testCasts(void)
+{
+    size_t i;
+
+    for (i = 0; i < COUNT(casts); i++) {
+        const eipType *from = eipTypeNamed(casts[i].from), *to = eipTypeNamed(casts[i].to);
+        char why[40] = "", text[40] = "";
+        epicsUInt8 raw[8];
+        eipNumber number;
+        int status;
+
+        hexBytes(casts[i].bytes, raw);
+        eipNumberGet(from, raw, &number);
+        status = eipNumberAs(to, from, &number, why, sizeof(why));
+        if (!status && eipNumberPut(to, raw, &number) == 0)
+            hexOf(raw, to->size, text);
+        testOk(strcmp(status ? why : text, casts[i].as) == 0, "%s %s as %s: %s", casts[i].from,
+               casts[i].bytes, casts[i].to, status ? why : text);
+    }
+}
+
 /* --- Names -------------------------------------------------------------------------------- */
 
 static const struct {
@@ -262,8 +312,8 @@ static const struct {
     size_t column;
     const char *error;
 } badNames[] = {
-    {"",           0, 0, "a name is missing at the end of the tag"},
-    {"a.",         0, 2, "a name is missing at the end of the tag"},
+    {"",           0, 0, "a name is missing at the end of the tag; allowed: name, name.member, Program:name.tag"},
+    {"a.",         0, 2, "a name is missing at the end of the tag; allowed: name, name.member, Program:name.tag"},
     {"a[1].{b",    0, 5,
      "'{' is not possible in a tag; allowed: letters, digits, _ : with . and [index] between names"},
     {".a",         0, 0,
@@ -271,8 +321,9 @@ static const struct {
     {"a{b",        0, 1, "'{' is not possible here; allowed: . or the end"},
     {"a$b",        0, 1, "'$' is not possible here; allowed: . or the end"},
     {"a[1]b",      0, 4, "'b' is not possible here; allowed: . or the end"},
-    {"a[1",        0, 1, "\"[1\" does not end with ]"},
-    {"a[0x10]",    0, 1, "\"[0x10]\" does not end with ]"},
+    {"a[1",        0, 1, "\"[1\" does not end with ]; allowed: [i], [i,j], [i,j,k]"},
+    {"a[0x10]",    0, 1, "\"[0x10]\" is no index; allowed: decimal numbers, [i], [i,j], [i,j,k]"},
+    {"a[08]",      1, 1, "\"[08]\" is no index; allowed: [8], with a leading 0 octal: [010], or [0x8]"},
     {"a[1,2,3,4]", 0, 8, "more than 3 dimensions; allowed: [i], [i,j], [i,j,k]"},
     {"a[-1]",      0, 2, "no number in the index; allowed: [0] to [4294967295]"},
     {"tag.64",     0, 4, "bit 64; allowed: 0 to 63"},
@@ -997,6 +1048,7 @@ MAIN(eipTagsTest)
     testPlan(0);
     testNumbers();
     testReals();
+    testCasts();
     testStrings();
     testNames();
     testBadNames();

@@ -375,7 +375,8 @@ long devIointInfo(int leave, dbCommon *prec, IOSCANPVT *list)
     }
     switch (devSupportOf(prec)->direction) {
     case devIn:
-        *list = plcStationInRecord(dev->station, dev->offset, dev->length, prec, leave);
+        *list = plcStationInRecord(dev->station, dev->offset - dev->head, dev->length + dev->head,
+                                   prec, leave);
         break;
     case devOut:
         *list = plcStationOutScan(dev->station, prec->prio, leave);

@@ -26,6 +26,7 @@
 #include "plcOwners.h"
 
 struct plcStatRow;
+struct aoRecord;
 
 #define DEV_SCALAR 8 /* bytes of the widest element */
 
@@ -60,6 +61,7 @@ typedef struct devRecord {
     const plcType *type; /* of one element */
     size_t offset;       /* bytes from the start of the block */
     size_t length;       /* bytes of the whole value */
+    size_t head;         /* bytes before it that tell what it is: it is news when they change, too */
     int order;           /* of its bytes: plcCodec.h */
     unsigned has;    /* options that stood in the link: plcHasT | ... */
     unsigned in;     /* bits of devListKind: the lists that it is in; looked at for each value
@@ -274,6 +276,9 @@ void devCheckScale(dbCommon *prec, const devRecord *dev, unsigned linr, double e
 /* Sets ESLO and EOFF of ai and ao so that L..H and EGUL..EGUF are the same. Float types are
  * not converted: nothing is set. */
 void devScale(const devRecord *dev, double egul, double eguf, double *eslo, double *eoff);
+
+/* What an ao makes of its OVAL, in double to the end: RVAL has only 31 bits for a UINT32. */
+double devAoRaw(struct aoRecord *prec);
 
 /* The dpvt of a record, when its link is good. Else NULL, and the alarm is raised. */
 devRecord *devOf(dbCommon *prec);

@@ -69,9 +69,7 @@ static epicsInt64 clip(const devRecord *dev, double value)
     return (epicsInt64)value;
 }
 
-/* The conversion of the ao record, in double to the end: RVAL has only 31 bits for a
- * UINT32. */
-static double convertAo(aoRecord *prec)
+double devAoRaw(aoRecord *prec)
 {
     double value = prec->oval;
 
@@ -111,7 +109,7 @@ static long writeAo(dbCommon *common)
     if (isnan(prec->oval))
         return devRefuseWrite(common, "NaN does not fit %s", dev->type->name);
     if (dev->high > INT32_HIGHEST && prec->rval == INT32_HIGHEST)
-        return devStoreInt(common, clip(dev, convertAo(prec)), ALL_BITS);
+        return devStoreInt(common, clip(dev, devAoRaw(prec)), ALL_BITS);
     return devStoreInt(common, clip(dev, prec->rval), ALL_BITS);
 }
 
