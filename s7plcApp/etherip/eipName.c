@@ -86,7 +86,11 @@ static int indices(const place *p, const char *at, int base0, eipName *name,
         at += strspn(at, " ");
     } while (*at == ',');
     if (*at != ']')
-        return fail(p, bracket, "\"%.20s\" does not end with ]", bracket);
+        return fail(p, bracket,
+                    !*at    ? "\"%.20s\" does not end with ]; allowed: [i], [i,j], [i,j,k]"
+                    : base0 ? "\"%.20s\" is no index; allowed: [8], with a leading 0 octal: [010], or [0x8]"
+                            : "\"%.20s\" is no index; allowed: decimal numbers, [i], [i,j], [i,j,k]",
+                    bracket);
     *end = at + 1;
     return 0;
 }
@@ -106,7 +110,8 @@ static int part(const place *p, const char **at, int first, eipName *name)
         return fail(p, *at,
                     **at ? "'%c' is not possible in a tag; allowed: letters, digits, _ : "
                            "with . and [index] between names"
-                         : "a name is missing at the end of the tag",
+                         : "a name is missing at the end of the tag; allowed: name, "
+                           "name.member, Program:name.tag",
                     **at);
     if (!first && !(*at)[n] && allDigits(*at, n)) {
         if (n > 2 || atoi(*at) > 63)
