@@ -317,8 +317,9 @@ PLC_COLD static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
     plcLineTellPolicy(s, plcEventConnected, i, now);
     if (s->leader == (int)i && s->inSize && !s->valid && !line->wrongSize)
         plcInputInvalidate(s, plcStateWaiting,
-                           line->lostWhy[0] ? line->lostWhy
-                                            : "connected, waiting for first block");
+                           line->lostWhy[0]          ? line->lostWhy
+                           : plcLineExchanges(s, i) ? "connected, waiting for first answer"
+                                                    : "connected, waiting for first block");
     if (s->leader == (int)i && !s->inSize)
         plcInputNone(s); /* there is no data to wait for */
     if (plcStationIsPair(s) && s->leader < 0 && !s->valid)
