@@ -30,6 +30,8 @@ typedef struct turn {
     epicsUInt64 due; /* ns */
     int refused;     /* by the PLC, the last time */
     int told;        /* the log has it; else it is told at the end of the round */
+    unsigned whole, wholeCount; /* a part of this value, which was refused as a whole with */
+    int wholeCode;   /* this; wholeCount 0: it is no such part */
 } turn;
 
 /* Between two registers or bits that are not read in one request: the PLC has refused that, or
@@ -37,7 +39,8 @@ typedef struct turn {
 typedef struct cut {
     plcTable table;
     int output, unit;
-    unsigned at; /* the first behind it */
+    unsigned at;  /* the first behind it */
+    int inValue;  /* it is within a value: for as long as that is refused */
 } cut;
 
 /* One connection, the worker's own. */

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include <cantProceed.h>
+#include <epicsStdio.h>
 
 #include "plcModbusPvt.h"
 
@@ -18,7 +19,7 @@ static void addTurn(session *s, const plcRequest *q, int output, epicsUInt64 due
         if (!s->turns)
             cantProceed("plcModbus: no memory for %u requests\n", s->room);
     }
-    s->turns[s->turnCount++] = (turn){*q, output, due, 0, 0};
+    s->turns[s->turnCount++] = (turn){.request = *q, .output = output, .due = due};
 }
 
 /* --- Where a request is not to go on ------------------------------------------------- */
@@ -34,7 +35,7 @@ static cut *findCut(plcModbus *m, const plcRequest *q, int output, unsigned at)
     return NULL;
 }
 
-static void addCut(plcModbus *m, const plcRequest *q, int output, unsigned at)
+static void addCut(plcModbus *m, const plcRequest *q, int output, unsigned at, int inValue)
 {
     if (findCut(m, q, output, at))
         return;
@@ -44,7 +45,7 @@ static void addCut(plcModbus *m, const plcRequest *q, int output, unsigned at)
         if (!m->cuts)
             cantProceed("plcModbus: no memory for %u requests\n", m->cutRoom);
     }
-    m->cuts[m->cutCount++] = (cut){q->table, output, q->unit, at};
+    m->cuts[m->cutCount++] = (cut){q->table, output, q->unit, at, inValue};
 }
 
 static void dropCut(plcModbus *m, cut *c)
@@ -97,15 +98,16 @@ static void readSilent(plcModbus *m, const turn *t)
     unsigned end = rest.request.start + rest.request.count, place;
 
     while ((place = rangePlace(m, &rest)) < end) {
-        addCut(m, &rest.request, rest.output, place);
+        addCut(m, &rest.request, rest.output, place, 0);
         rest.request.start = place;
         rest.request.count = end - place;
     }
 }
 
 /* A read that was refused comes again in this round as two: first where the user's ranges meet,
- * then in halves, until it is known what the PLC refuses. Returns 0 when it is of one value. */
-static int split(plcModbus *m, unsigned at)
+ * then in halves, until it is known which registers the PLC refuses; also those of one value, so that
+ * its neighbours that share one of them are read. Returns 0 when it is of one register or bit. */
+static int split(plcModbus *m, unsigned at, int code)
 {
     session *s = &m->session;
     turn t = s->turns[at];
@@ -116,16 +118,26 @@ static int split(plcModbus *m, unsigned at)
     unsigned end = t.request.start + t.request.count, place = rangePlace(m, &t);
     plcRequest half[2];
 
-    if (place == end) {
-        if (!plcPlanHalve(ranges, count, joined, &t.request, half))
-            return 0;
+    if (t.request.count == 1)
+        return 0;
+    if (place == end && !t.wholeCount && plcPlanHalve(ranges, count, joined, &t.request, half)) {
         place = half[1].start;
+    } else if (place == end) { /* within a value */
+        place = t.request.start + t.request.count / 2;
+        if (!t.wholeCount) {
+            t.whole = t.request.start;
+            t.wholeCount = t.request.count;
+            t.wholeCode = code;
+        }
     }
-    addCut(m, &t.request, t.output, place);
+    addCut(m, &t.request, t.output, place, t.wholeCount != 0);
+    s->turns[at] = t;
     s->turns[at].request.count = place - t.request.start;
     t.request.start = place;
     t.request.count = end - place;
     addTurn(s, &t.request, t.output, t.due);
+    t.request = s->turns[s->turnCount - 1].request;
+    s->turns[s->turnCount - 1] = t;
     return 1;
 }
 
@@ -137,6 +149,7 @@ static int continues(const session *s, unsigned i, unsigned k)
     return a->refused && a->refused == b->refused && !a->told == !b->told &&
            a->output == b->output && a->request.table == b->request.table &&
            a->request.unit == b->request.unit && a->request.period == b->request.period &&
+           a->wholeCount == b->wholeCount && (!a->wholeCount || a->whole == b->whole) &&
            a->request.start + a->request.count == b->request.start &&
            a->request.count + b->request.count <=
                (plcWorkerIsBits(a->request.table) ? PLC_READ_BITS : PLC_READ_REGISTERS);
@@ -161,21 +174,60 @@ static void joinRefused(plcModbus *m)
         }
 }
 
-/* Says which reads were refused in this round. The lock is held. */
-static void tellRefused(plcModbus *m)
+static int sameValue(const turn *a, const turn *b)
 {
-    session *s = &m->session;
-    char text[40], reason[PLC_REASON_SIZE];
+    return b->wholeCount && a->output == b->output && a->whole == b->whole &&
+           a->wholeCount == b->wholeCount && a->request.table == b->request.table &&
+           a->request.unit == b->request.unit && a->request.period == b->request.period;
+}
+
+/* The first read in the order of the tables that is to be told, of the reason and unit of `like` (NULL:
+ * any); NULL: there is none. */
+static turn *nextUntold(session *s, const turn *like)
+{
+    turn *first = NULL;
     unsigned i;
 
     for (i = 0; i < s->turnCount; i++) {
         turn *t = &s->turns[i];
 
-        if (!t->refused || t->told)
+        if (!t->refused || t->told || (like && (t->refused != like->refused ||
+                                                t->request.unit != like->request.unit)))
             continue;
-        t->told = 1;
-        plcWorkerReason(t->refused, reason);
-        plcWorkerNote(m, "read of %s: %s", plcWorkerWhere(&t->request, text), reason);
+        if (!first || t->request.table < first->request.table ||
+            (t->request.table == first->request.table && t->request.start < first->request.start))
+            first = t;
+    }
+    return first;
+}
+
+/* Says which reads were refused in this round: "read of holding 4: ... (and of holding 17, coils 3)".
+ * The lock is held. */
+static void tellRefused(plcModbus *m)
+{
+    turn *first, *t;
+
+    while ((first = nextUntold(&m->session, NULL))) {
+        char text[40], reason[PLC_REASON_SIZE], others[180] = "";
+        unsigned more = 0;
+        size_t used = 0;
+
+        first->told = 1;
+        while ((t = nextUntold(&m->session, first))) {
+            t->told = 1;
+            plcWorkerWhere(&t->request, text);
+            if (used + strlen(text) > sizeof(others) - 40)
+                more++;
+            else
+                used += (size_t)epicsSnprintf(others + used, sizeof(others) - used, "%s%s",
+                                              used ? ", " : " (and of ", text);
+        }
+        if (more)
+            used += (size_t)epicsSnprintf(others + used, sizeof(others) - used, " and %u more", more);
+        if (used)
+            strcpy(others + used, ")");
+        plcWorkerReason(first->refused, reason);
+        plcWorkerNote(m, "read of %s: %s%s", plcWorkerWhere(&first->request, text), reason, others);
         m->hasNews = 1;
     }
 }
@@ -220,9 +272,9 @@ static void inputRead(plcModbus *m, turn *t, int code)
         if (t->refused || code)
             markReadable(m, p->offset, plcWorkerPieceBytes(q, p), mask, !code);
     }
-    if (t->refused && !code && t->told)
+    if (t->refused && !code && t->told && !t->wholeCount)
         plcWorkerNote(m, "read of %s: good again", plcWorkerWhere(q, text));
-    t->told = t->told && code;
+    t->told = t->told && (code || t->wholeCount);
     t->refused = code;
     m->session.inputsRead |= !code;
     m->news.inFaults |= changed;
@@ -290,6 +342,73 @@ static void tellUnread(plcModbus *m)
         s->turns[i].told |= s->turns[i].output;
 }
 
+/* The parts of a value are one read again. Returns its turn. */
+static turn *joinParts(plcModbus *m, turn t)
+{
+    session *s = &m->session;
+    unsigned i = 0;
+
+    while (i < s->turnCount) {
+        if (!sameValue(&t, &s->turns[i])) {
+            i++;
+            continue;
+        }
+        t.told |= s->turns[i].told;
+        s->turns[i] = s->turns[--s->turnCount];
+    }
+    t.request.start = t.whole;
+    t.request.count = t.wholeCount;
+    t.wholeCount = 0;
+    for (i = 1; i < t.request.count; i++)
+        dropCut(m, findCut(m, &t.request, t.output, t.request.start + i));
+    addTurn(s, &t.request, t.output, t.due);
+    s->turns[s->turnCount - 1] = t;
+    return &s->turns[s->turnCount - 1];
+}
+
+/* What was read of an input does not count. */
+static void wholeIsRefused(plcModbus *m, turn *t)
+{
+    unsigned i, n = plcWorkerInPieces(m, &t->request);
+    char reason[PLC_REASON_SIZE];
+
+    t->refused = t->wholeCode;
+    plcWorkerReason(t->refused, reason);
+    if (t->output || !plcWorkerEnter(m))
+        return;
+    for (i = 0; i < n; i++) {
+        const plcPiece *p = &m->pieces[i];
+        size_t size = plcWorkerPieceBytes(&t->request, p);
+        epicsUInt8 mask[maskMax];
+
+        plcWorkerPieceMask(&t->request, p, mask);
+        m->news.inFaults |= plcFaultsSet(m->setup.inFaults, p->offset, size, mask, reason);
+        markReadable(m, p->offset, size, mask, 0);
+    }
+    epicsMutexUnlock(m->lock);
+}
+
+/* Values of which all parts could be read are asked for as a whole the next time, and not shown
+ * before: the parts may be of different moments. */
+static void mendValues(plcModbus *m, int output)
+{
+    session *s = &m->session;
+    unsigned i = 0, k, refused;
+
+    while (i < s->turnCount) {
+        const turn *t = &s->turns[i];
+
+        for (refused = k = 0; k < s->turnCount; k++)
+            refused += sameValue(t, &s->turns[k]) && s->turns[k].refused;
+        if (!t->wholeCount || t->output != output || refused) {
+            i++;
+            continue;
+        }
+        wholeIsRefused(m, joinParts(m, *t));
+        i = 0;
+    }
+}
+
 /* All output ranges have been read, or refused. */
 static void tellOutputs(plcModbus *m)
 {
@@ -299,6 +418,7 @@ static void tellOutputs(plcModbus *m)
     unsigned shown;
 
     s->outputsTried = 1;
+    mendValues(m, 1);
     if (!plcWorkerEnter(m))
         return;
     shown = findHidden(m, &refused);
@@ -328,11 +448,11 @@ static void outputRead(plcModbus *m, turn *t, int code)
     unsigned i, n = plcWorkerOutPieces(m, &t->request);
     char text[40];
 
-    if (t->refused && !code && t->told && plcWorkerEnter(m)) {
+    if (t->refused && !code && t->told && !t->wholeCount && plcWorkerEnter(m)) {
         plcWorkerNote(m, "read of %s: good again", plcWorkerWhere(&t->request, text));
         plcWorkerTell(m);
     }
-    t->told = t->told && code;
+    t->told = t->told && (code || t->wholeCount);
     t->refused = code;
     for (i = 0; i < n && !code; i++)
         plcWorkerStore(m, &t->request, &m->pieces[i], m->out);
@@ -361,7 +481,7 @@ static int readTurn(plcModbus *m, unsigned at)
         readSilent(m, &s->turns[at]);
     if (code < 0)
         return -1;
-    if (plcWorkerLessMayHelp(code) && !s->turns[at].refused && split(m, at))
+    if (plcWorkerLessMayHelp(code) && !s->turns[at].refused && split(m, at, code))
         return 0;
     plcWorkerSetDue(s, &s->turns[at]);
     (s->turns[at].output ? outputRead : inputRead)(m, &s->turns[at], code);
@@ -375,6 +495,7 @@ static void endRound(plcModbus *m)
     int whole = m->setup.inputCount && (s->inputsRead || !s->inputsTried);
 
     s->round = 0;
+    mendValues(m, 0);
     joinRefused(m);
     if (plcWorkerEnter(m)) {
         tellRefused(m);
@@ -443,6 +564,11 @@ void plcWorkerPlan(plcModbus *m)
     unsigned i, n;
 
     s->turnCount = 0;
+    for (i = 0; i < m->cutCount;) /* it is tried again whether values can be read as a whole */
+        if (m->cuts[i].inValue)
+            dropCut(m, &m->cuts[i]);
+        else
+            i++;
     n = plcPlanReads(m->setup.outputs, m->setup.outputCount,
                      s->knowsOut ? m->ownJoinedOut : NULL, s->options.limits, &requests);
     for (i = 0; i < n; i++)

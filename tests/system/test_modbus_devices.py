@@ -461,7 +461,7 @@ def test_holes_among_outputs(new_modbus, new_ioc):
     ioc.wait_log("read of holding 210 to 212: PLC: exception 2")
     mark = plc.mark()
     plc.wait_requests(60, mark)
-    assert len(errors_in(ioc.log)) == 2 and "(and 1 more)" in ioc.log, ioc.log  # the holes, the put
+    assert len(errors_in(ioc.log)) == 2 and "(and of holding 230)" in ioc.log, ioc.log  # the holes, the put
     # after a loss: the holes are tried once more, what the device still holds is not
     mark = plc.mark()
     plc.power_off()
@@ -570,3 +570,60 @@ def test_wrong_digits(new_modbus, new_ioc):
     for name, value in ("in16", 1), ("in32", 2), ("signed", -7999), ("time", [0, 0]):
         until_equal(lambda: ioc.plain(name), value)
         ioc.wait_alarm(name, "NO_ALARM")
+
+
+OVER = "".join(f'record(longin, "$(P)i{n}") {{ field(DTYP, "S7plc") field(INP, "@PLC/{2 * n} T=UINT16") field(SCAN, "I/O Intr") }}\n'
+               f'record(longout, "$(P)o{n}") {{ field(DTYP, "S7plc") field(OUT, "@PLC/{2 * n} T=UINT16") }}\n'
+               for n in (3, 4, 5, 6)) + """
+record(ai, "$(P)iover") { field(DTYP, "S7plc") field(INP, "@PLC/8 T=UINT32") field(SCAN, "I/O Intr") }
+record(ao, "$(P)oover") { field(DTYP, "S7plc") field(OUT, "@PLC/8 T=UINT32") }
+record(int64in, "$(P)ilong") { field(DTYP, "S7plc") field(INP, "@PLC/20 T=UINT64") field(SCAN, "I/O Intr") }
+record(longin, "$(P)i13") { field(DTYP, "S7plc") field(INP, "@PLC/26 T=UINT16") field(SCAN, "I/O Intr") }
+"""
+
+
+def test_value_over_a_hole(new_modbus, new_ioc):
+    """a value over a hole is READ/INVALID, a neighbour that shares its other register is not; as a whole again when the hole ends"""
+    plc = new_modbus()
+    for n in range(16):
+        plc.holding[n], plc.holding[200 + n] = n, 1000 + n
+    rules = [plc.refuse(3, n) for n in (4, 204, 11)]
+    ioc = start(plc, new_ioc, "track on", "readPeriod 100", db=OVER)
+    for name in ("i4", "iover", "o4", "oover", "ilong"):
+        ioc.wait_alarm(name, *REFUSED)
+    for name, value in ("i3", 3), ("i5", 5), ("i6", 6), ("i13", 13), ("o3", 1003), ("o5", 1005), ("o6", 1006):
+        ioc.wait_value(name, value)
+        ioc.wait_alarm(name, "NO_ALARM")
+    until(lambda: "read of holding 4: PLC: exception 2, illegal data address (and of holding 11, holding 204)" in ioc.log,
+          "the holes")
+    ioc.put("o5", 7)
+    ioc.wait_alarm("o5", "NO_ALARM")
+    for rule in rules:
+        plc.refuse_no_more(rule)
+    for name, value in (("i4", 4), ("iover", 0x40005), ("o4", 1004), ("oover", (1004 << 16) + 7),
+                        ("ilong", 0xa000b000c000d)):
+        ioc.wait_value(name, value)
+        ioc.wait_alarm(name, "NO_ALARM")
+    mark = plc.mark()
+    plc.wait_requests(40, mark)
+    asked = [r for r in plc.requests[mark:] if r.function == 3]
+    assert not [r for r in asked if r.start in (5, 205, 11, 12, 13) or r.start + r.count in (5, 205, 11, 12, 13)], asked
+
+
+def test_value_that_cannot_be_read_whole(new_modbus, new_ioc):
+    """a device that shows each register of a value, but not both in one request: never a value of two moments, READ/INVALID"""
+    plc = new_modbus()
+    plc.judge = lambda r: 2 if r.function == 3 and r.start <= 4 < r.start + r.count - 1 else 0
+    ioc = start(plc, new_ioc, db=OVER)
+    ioc.wait_alarm("iover", *REFUSED)
+    values = []
+    ioc.pv("iover").add_callback(lambda value, **kw: values.append(value))
+    for n in range(1, 20):
+        plc.holding[4] = plc.holding[5] = plc.holding[6] = n
+        ioc.wait_value("i6", n)
+        assert ioc.alarm("iover") == REFUSED
+    assert not [v for v in values if v], values
+    plc.judge = lambda r: 0
+    ioc.wait_value("iover", 19 * 65536 + 19)
+    ioc.wait_alarm("iover", "NO_ALARM")
+    assert ioc.get("i4") == ioc.get("i5") == 19

@@ -42,7 +42,7 @@ typedef struct plcNews {
                                    * this begins or changes). shown is 0 then, or the PLC
                                    * shows some of them: `hidden` says which it does not */
     int inFaults, outFaults;   /* 1: something changed in these */
-    char log[PLC_REASON_SIZE + 80]; /* a line for the log, "": none. Transitions only */
+    char log[PLC_REASON_SIZE + 260]; /* a line for the log, "": none. Transitions only */
     int idle;                  /* without takesPuts: all puts are through (or refused) */
     /* counts since the last call */
     unsigned requests, exceptions, timeouts;
