@@ -60,6 +60,10 @@ void plcWorkerReason(int code, char reason[PLC_REASON_SIZE])
         strcpy(reason, "no answer from this unit");
         return;
     }
+    if (code == PLC_WORKER_TORN) {
+        strcpy(reason, "maxRegisters is less than the value");
+        return;
+    }
     plcExceptionText(code, text, sizeof(text));
     epicsSnprintf(reason, PLC_REASON_SIZE, "PLC: %.34s", text);
 }

@@ -418,6 +418,38 @@ int plcPlanHalve(const plcRange *ranges, unsigned count, const epicsUInt8 *joine
     return 1;
 }
 
+/* A number begins before this address and goes on in it. */
+static int tears(const plan *p, unsigned address)
+{
+    unsigned i;
+
+    for (i = 0; i < p->count; i++)
+        if (holds(p->ranges[i], address) && p->joined[firstByte(p->ranges[i], address)] == 1 &&
+            goesOn(p, p->ranges[i], address))
+            return 1;
+    return 0;
+}
+
+void plcPlanTorn(const plcRange *ranges, unsigned count, const epicsUInt8 *joined,
+                 const plcRequest *q, unsigned *head, unsigned *tail)
+{
+    plan p;
+
+    *head = *tail = 0;
+    if (!joined)
+        return;
+    p = begin(ranges, count, joined, (plcLimits){0, 0});
+    choose(&p, ranges, count, q->table, q->unit, q->period);
+    p.bitsMaySplit = 1;
+    while (*head < q->count && tears(&p, q->start + *head))
+        ++*head;
+    if (*head < q->count && tears(&p, q->start + q->count))
+        do
+            ++*tail;
+        while (*head + *tail < q->count && tears(&p, q->start + q->count - *tail));
+    free(p.ranges);
+}
+
 unsigned plcPlanPieces(const plcRange *ranges, unsigned count, const plcRequest *request,
                        plcPiece *pieces, unsigned max)
 {

@@ -70,7 +70,7 @@ typedef struct plcLimits {
 
 /* The reads for these ranges: as few as the limits force. `joined` (NULL: nothing is known)
  * has a byte per byte of the image: not 0 means that this byte belongs to the same value
- * as the one before it: no request ends there, nor within a byte of bits. A value is cut
+ * as the one before it (1: a number, else a text): no request ends there, nor within a byte of bits. A value is cut
  * only where it is longer than a request. Returns their number, and a new array,
  * to be freed. */
 unsigned plcPlanReads(const plcRange *ranges, unsigned count, const epicsUInt8 *joined,
@@ -105,6 +105,11 @@ int plcPlanJoins(void *join, const plcPut *put);
  * value only. */
 int plcPlanHalve(const plcRange *ranges, unsigned count, const epicsUInt8 *joined,
                  const plcRequest *request, plcRequest halves[2]);
+
+/* How many registers or bits at the beginning and at the end of a request are a part only of a number
+ * that is longer than a request may be. Both 0: none is. */
+void plcPlanTorn(const plcRange *ranges, unsigned count, const epicsUInt8 *joined,
+                 const plcRequest *request, unsigned *head, unsigned *tail);
 
 /* Where a request lies in the image: a piece for each range of its table, unit and period that
  * it touches. The range may lie anywhere in the image, and coils may begin within a byte.

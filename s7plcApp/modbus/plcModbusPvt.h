@@ -30,6 +30,7 @@ typedef struct turn {
     epicsUInt64 due; /* ns */
     int refused;     /* by the PLC, the last time */
     int told;        /* the log has it; else it is told at the end of the round */
+    int torn;        /* not asked for: see PLC_WORKER_TORN */
     unsigned whole, wholeCount; /* a part of this value, which was refused as a whole with */
     int wholeCode;   /* this; wholeCount 0: it is no such part */
 } turn;
@@ -152,6 +153,8 @@ int plcWorkerAsk(plcModbus *m, const plcRequest *q);
 
 /* Instead of the code of an exception: one of several units did not answer. */
 #define PLC_WORKER_SILENT 256
+/* Or: it was not asked, since a part of a number is all that fits into a request. */
+#define PLC_WORKER_TORN 257
 
 /* Can it help to ask for less? Not where the PLC refuses the function, or can do nothing.
  */

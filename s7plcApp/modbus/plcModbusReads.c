@@ -54,11 +54,37 @@ static void dropCut(plcModbus *m, cut *c)
         *c = m->cuts[--m->cutCount];
 }
 
+/* Parts of a number, which are not asked for. */
+static void addTorn(plcModbus *m, plcRequest q, unsigned start, unsigned count, int output,
+                    epicsUInt64 due)
+{
+    q.start = start;
+    q.count = count;
+    if (!count)
+        return;
+    addTurn(&m->session, &q, output, due);
+    m->session.turns[m->session.turnCount - 1].torn = 1;
+}
+
 /* A request that was planned, as one or more turns. */
 static void addTurns(plcModbus *m, plcRequest q, int output, epicsUInt64 due)
 {
-    unsigned at, end = q.start + q.count;
+    const session *s = &m->session;
+    unsigned at, head, tail, end;
 
+    if (output)
+        plcPlanTorn(m->setup.outputs, m->setup.outputCount, s->knowsOut ? m->ownJoinedOut : NULL, &q,
+                    &head, &tail);
+    else
+        plcPlanTorn(m->setup.inputs, m->setup.inputCount, s->knowsIn ? m->ownJoinedIn : NULL, &q,
+                    &head, &tail);
+    addTorn(m, q, q.start, head, output, due);
+    addTorn(m, q, q.start + q.count - tail, tail, output, due);
+    q.start += head;
+    q.count -= head + tail;
+    end = q.start + q.count;
+    if (!q.count)
+        return;
     for (at = q.start + 1; m->cutCount && at < end; at++) {
         if (!findCut(m, &q, output, at))
             continue;
@@ -146,7 +172,7 @@ static int continues(const session *s, unsigned i, unsigned k)
 {
     const turn *a = &s->turns[i], *b = &s->turns[k];
 
-    return a->refused && a->refused == b->refused && !a->told == !b->told &&
+    return a->refused && a->refused == b->refused && a->torn == b->torn && !a->told == !b->told &&
            a->output == b->output && a->request.table == b->request.table &&
            a->request.unit == b->request.unit && a->request.period == b->request.period &&
            a->wholeCount == b->wholeCount && (!a->wholeCount || a->whole == b->whole) &&
@@ -269,7 +295,7 @@ static void inputRead(plcModbus *m, turn *t, int code)
                                     plcWorkerPieceBytes(q, p), mask, reason);
         else
             plcWorkerStore(m, q, p, m->in);
-        if (t->refused || code)
+        if (t->refused || code || plcFaultsCount(m->setup.inFaults, p->offset, plcWorkerPieceBytes(q, p)))
             markReadable(m, p->offset, plcWorkerPieceBytes(q, p), mask, !code);
     }
     if (t->refused && !code && t->told && !t->wholeCount)
@@ -475,7 +501,7 @@ static int readTurn(plcModbus *m, unsigned at)
 {
     session *s = &m->session;
     plcRequest q = s->turns[at].request;
-    int code = plcWorkerAsk(m, &q), silent = code == PLC_WORKER_SILENT || code < 0;
+    int code = s->turns[at].torn ? PLC_WORKER_TORN : plcWorkerAsk(m, &q), silent = code == PLC_WORKER_SILENT || code < 0;
 
     if (silent && (code > 0 || m->session.lost[0]))
         readSilent(m, &s->turns[at]);

@@ -150,6 +150,30 @@ static int writeOne(plcModbus *m, const plcRequest *request)
     return status;
 }
 
+/* Leaves out what is a part only of a number that is longer than a request may be; with singleWrite it is
+ * written register by register. Returns as writeOne does. */
+static int writePlanned(plcModbus *m, plcRequest q)
+{
+    plcRequest part = q;
+    char reason[PLC_REASON_SIZE];
+    unsigned head = 0, tail = 0;
+
+    if (!m->session.options.singleWrite)
+        plcPlanTorn(m->setup.outputs, m->setup.outputCount,
+                    m->session.knowsOut ? m->ownJoinedOut : NULL, &q, &head, &tail);
+    plcWorkerReason(PLC_WORKER_TORN, reason);
+    part.count = head;
+    if (head)
+        settle(m, &part, reason);
+    part.start = q.start + q.count - tail;
+    part.count = tail;
+    if (tail)
+        settle(m, &part, reason);
+    q.start += head;
+    q.count -= head + tail;
+    return q.count ? writeOne(m, &q) : 0;
+}
+
 /* What leaves together: puts that are neighbours in their order and in a table. Returns 0
  * when there is nothing, or the session is over. */
 static unsigned takeTogether(plcModbus *m)
@@ -180,7 +204,7 @@ static int writeTogether(plcModbus *m)
                       m->session.knowsOut ? m->ownJoinedOut : NULL, m->session.options.limits,
                       m->session.options.singleWrite, &requests);
     for (i = 0; i < n && status == 0; i++)
-        status = writeOne(m, &requests[i]);
+        status = writePlanned(m, requests[i]);
     free(requests);
     if (status == 0 && plcWorkerEnter(m)) {
         plcImagePutsDone(m->setup.out);

@@ -627,3 +627,53 @@ def test_value_that_cannot_be_read_whole(new_modbus, new_ioc):
     ioc.wait_value("iover", 19 * 65536 + 19)
     ioc.wait_alarm("iover", "NO_ALARM")
     assert ioc.get("i4") == ioc.get("i5") == 19
+
+
+WIDTHS = "".join(
+    f'record({kind}, "$(P)i{n}") {{ field(DTYP, "S7plc") field(INP, "@PLC/{2 * at} T={t}") field(SCAN, "I/O Intr") }}\n'
+    f'record({out}, "$(P)o{n}") {{ field(DTYP, "S7plc") field(OUT, "@PLC/{2 * at} T={t}") }}\n'
+    for n, (at, t, kind, out) in enumerate(((0, "UINT16", "longin", "longout"), (1, "UINT32", "int64in", "int64out"),
+                                            (3, "UINT16", "longin", "longout"), (4, "UINT64", "int64in", "int64out"),
+                                            (8, "UINT16", "longin", "longout")))) + """
+record(stringin, "$(P)text") { field(DTYP, "S7plc") field(INP, "@PLC/20 L=10") field(SCAN, "I/O Intr") }
+record(stringout, "$(P)textout") { field(DTYP, "S7plc") field(OUT, "@PLC/20 L=10") }
+"""
+SHORT = "maxRegisters is less than the value"
+
+
+@pytest.mark.parametrize("most,wide", [(1, (1, 3)), (2, (3,)), (3, (3,)), (4, ())])
+def test_less_than_a_value(new_modbus, new_ioc, most, wide):
+    """maxRegisters={most}: numbers of more registers are refused with words, never in two requests; all others and texts are read and written"""
+    plc = new_modbus()
+    plc.judge = lambda r: 3 if r.count > most else 0
+    plc.holding.put(10, b"ABCDEFGHIJ")
+    ioc = start(plc, new_ioc, f"maxRegisters {most}", db=WIDTHS)
+    values = {}
+    for round_ in (1, 2):
+        for n, (at, size) in enumerate(((0, 1), (1, 2), (3, 1), (4, 4), (8, 1))):
+            values[n] = sum(round_ << 16 * k for k in range(size))
+            for k in range(size):
+                plc.holding[at + k] = round_
+        for n, value in values.items():
+            if n in wide:
+                ioc.wait_alarm(f"i{n}", "INVALID", "READ", SHORT)
+                assert ioc.get(f"i{n}") == 0
+            else:
+                ioc.wait_value(f"i{n}", value)
+                ioc.wait_alarm(f"i{n}", "NO_ALARM")
+    until_equal(lambda: ioc.text("text"), "ABCDEFGHIJ")
+    for n, value in values.items():
+        ioc.put(f"o{n}", value)
+        assert ioc.alarm(f"o{n}") == (("INVALID", "WRITE", SHORT) if n in wide else ("NO_ALARM", "NO_ALARM", ""))
+    ioc.put("textout", "abcdefghij")
+    until_equal(lambda: plc.holding.bytes(210, 10), b"abcdefghij")
+    assert all(r.count <= most for r in plc.requests)
+    assert [plc.holding[200 + at] for at in (1, 2, 4, 7)] == [0 if n in wide else 2 for n in (1, 1, 3, 3)]
+    # the device can do more after all
+    plc.judge = lambda r: 0
+    ioc.command("s7plcSetOption PLC maxRegisters 125")
+    for n, value in values.items():
+        ioc.wait_value(f"i{n}", value)
+        ioc.wait_alarm(f"i{n}", "NO_ALARM")
+        ioc.put(f"o{n}", value)
+        ioc.wait_alarm(f"o{n}", "NO_ALARM")

@@ -84,8 +84,9 @@ void plcExchangeOptions(plcStation *s)
 
 /* --- The connection -----------------------------------------------------------------------*/
 
-/* Which bytes of a block belong to one value: a request may end between values only. To be
- * freed; NULL when no record needs it. */
+/* Which bytes of a block belong to one value: a request may end between values only, and between the
+ * elements of an array. 1: of a number, 2: of a text that is read. To be freed; NULL when no record
+ * needs it. */
 static epicsUInt8 *wholeValues(plcStation *s, int output)
 {
     size_t count, i, byte, size = plcImageSize(output ? s->out : s->in);
@@ -99,9 +100,11 @@ static epicsUInt8 *wholeValues(plcStation *s, int output)
 
         if (o->offset + o->length > size) /* one that has just come: the next time */
             continue;
-        for (byte = 1; o->type->size > 1 && byte < o->length; byte++)
+        for (byte = 1; byte < o->length; byte++)
             if (byte % o->type->size)
                 whole[o->offset + byte] = 1;
+            else if (!output && o->type->kind & (plcText | plcBcd) && !whole[o->offset + byte])
+                whole[o->offset + byte] = 2;
     }
     free(owners);
     return whole;
