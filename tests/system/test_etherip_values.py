@@ -58,7 +58,7 @@ def test_write_edges(plant, kind):
                 continue
             fits = value == value and low <= value <= high
             plant.set("T", 5)
-            for each in ("longout", "int64out", "ao"):
+            for each in ("longout", "int64out", "ao", "aao"):
                 plant.ioc.wait_value(each, 5)
             if record == "int64out":
                 plant.ioc.command(f"dbpf {plant.ioc.P}{field} {value}")
