@@ -202,6 +202,20 @@ static void learnString(eipClient *c, eipValue *v)
     }
 }
 
+/* Has its type the bit that the name asks for? */
+static int checkBit(eipClient *c, const eipValue *v)
+{
+    const eipType *type = eipTypeOf(v->data.code);
+    int bits = type->kind & (eipSigned | eipUnsigned) ? (int)type->size * 8 : 0;
+
+    if (v->name.bit < (type->code == eipBool ? 1 : bits))
+        return 0;
+    if (type->code == eipBool)
+        return fail(c, "bit %d; BOOL has bit 0 only", v->name.bit);
+    return bits ? fail(c, "bit %d; %s has bits 0 to %d", v->name.bit, type->name, bits - 1)
+                : fail(c, "bit %d; %s has no bits", v->name.bit, type->name);
+}
+
 int eipClientRead(eipClient *c, eipValue *v, unsigned count)
 {
     eipAnswer answer;
@@ -227,6 +241,8 @@ int eipClientRead(eipClient *c, eipValue *v, unsigned count)
         got += answer.status == eipPartial ? wholeElements(&part) : part.length;
         v->data = (eipData){part.code, part.handle, v->bytes, got};
     } while (answer.status == eipPartial);
+    if (checkBit(c, v))
+        return -1;
     learnString(c, v);
     return 0;
 }
@@ -302,7 +318,7 @@ static const char *typeText(eipClient *c, unsigned type, const epicsUInt32 *dime
 }
 
 /* The symbols of one answer, behind those that are there. Returns as eipSymbolTake at the end;
- * -1 too when the list goes round in circles, or does not end. */
+ * -1 too when the list goes round in circles, -2 when it is too long. */
 static int takeSymbols(const eipAnswer *answer, epicsUInt32 *next, eipSymbol **found, size_t *n,
                        size_t *room)
 {
@@ -312,8 +328,10 @@ static int takeSymbols(const eipAnswer *answer, epicsUInt32 *next, eipSymbol **f
     int status;
 
     while ((status = eipSymbolTake(&r, &symbol)) > 0) {
-        if (symbol.id < *next || *n >= eipClientTagsMax)
+        if (symbol.id < *next)
             return -1;
+        if (*n >= eipClientTagsMax)
+            return -2;
         *next = symbol.id + 1;
         if (!eipSymbolCounts(&symbol))
             continue;
@@ -335,7 +353,7 @@ static int listScope(eipClient *c, const char *program, eipSymbolVisit *visit, v
     epicsUInt32 next = 0;
     eipAnswer answer;
     char name[eipClientNameMax];
-    int status = 0;
+    int status = 0, taken;
 
     do {
         eipWriter w = eipClientWriter(c);
@@ -347,7 +365,10 @@ static int listScope(eipClient *c, const char *program, eipSymbolVisit *visit, v
                 status = statusFail(c, &answer);
             break;
         }
-        if (!status && takeSymbols(&answer, &next, &found, &n, &room) < 0)
+        taken = status ? 0 : takeSymbols(&answer, &next, &found, &n, &room);
+        if (taken == -2)
+            status = fail(c, "the list has more than %d tags", eipClientTagsMax);
+        else if (taken < 0)
             status = fail(c, "the list of tags is not understood");
     } while (!status && answer.status == eipPartial);
     for (i = 0; i < n && !status; i++) {
@@ -371,23 +392,30 @@ int eipClientList(eipClient *c, eipSymbolVisit *visit, void *arg)
 typedef struct printing {
     const char *pattern;
     FILE *file;
+    unsigned printed;
 } printing;
 
 static void printSymbol(eipClient *c, const char *name, const eipSymbol *symbol, void *arg)
 {
-    const printing *p = arg;
+    printing *p = arg;
     char text[120];
 
-    if (!p->pattern || epicsStrGlobMatch(name, p->pattern))
-        fprintf(p->file, "%-40s %s\n", name,
-                typeText(c, symbol->type, symbol->dimension, text, sizeof(text)));
+    if (p->pattern && !epicsStrGlobMatch(name, p->pattern))
+        return;
+    fprintf(p->file, "%-40s %s\n", name,
+            typeText(c, symbol->type, symbol->dimension, text, sizeof(text)));
+    p->printed++;
 }
 
 int eipClientPrintList(eipClient *c, const char *pattern, FILE *file)
 {
-    printing p = {pattern && *pattern ? pattern : NULL, file};
+    printing p = {pattern && *pattern ? pattern : NULL, file, 0};
 
-    return eipClientList(c, printSymbol, &p);
+    if (eipClientList(c, printSymbol, &p))
+        return -1;
+    return p.printed || !p.pattern
+               ? 0
+               : fail(c, "no tag matches \"%.60s\"; allowed: a name, with * and ?", p.pattern);
 }
 
 /* --- Types --------------------------------------------------------------------------------- */

@@ -153,14 +153,37 @@ static int refuse(eipClient *c, const char *text, const char *type)
     return -1;
 }
 
+/* More than one of them. */
+static int refuseSeveral(eipClient *c, const char *what)
+{
+    epicsSnprintf(c->why, sizeof(c->why), "several values for %s; allowed: one", what);
+    return -1;
+}
+
+static int refuseNumber(eipClient *c, const char *text, const eipType *type)
+{
+    unsigned bits = 8 * type->size - (type->kind == eipSigned);
+    epicsUInt64 high = ~(epicsUInt64)0 >> (64 - bits);
+    char what[100];
+
+    if (type->kind == eipReal)
+        epicsSnprintf(what, sizeof(what), "%s; allowed: a number", type->name);
+    else if (type->code == eipBool)
+        epicsSnprintf(what, sizeof(what), "%s; allowed: 0, 1, false, true", type->name);
+    else
+        epicsSnprintf(what, sizeof(what), "%s; allowed: %lld to %llu", type->name,
+                      type->kind == eipSigned ? -(long long)high - 1 : 0,
+                      (unsigned long long)high);
+    return refuse(c, text, what);
+}
+
 static int putBit(eipClient *c, eipWriter *w, const eipValue *v, const eipType *type,
                   const char *text)
 {
     epicsUInt64 bit = (epicsUInt64)1 << v->name.bit, on;
 
-    if (!type->size || type->kind == eipReal || v->name.bit >= (int)type->size * 8 ||
-        (strcmp(text, "0") && strcmp(text, "1")))
-        return refuse(c, text, "a bit of the tag; allowed: 0 or 1, of an integer");
+    if (strcmp(text, "0") && strcmp(text, "1"))
+        return refuse(c, text, "a bit; allowed: 0 or 1");
     on = text[0] == '1' ? bit : 0;
     eipValuePath(w, &v->name, eipReadModifyWrite);
     eipPut16(w, type->size);
@@ -201,7 +224,7 @@ static int putNumbers(eipClient *c, eipWriter *w, const eipValue *v, const eipTy
         eipNumber number;
 
         if (eipNumberParse(type, words[i], &number) || eipNumberPut(type, raw, &number))
-            return refuse(c, words[i], type->name);
+            return refuseNumber(c, words[i], type);
         eipPutBytes(w, raw, type->size);
     }
     return w->full || w->n > c->connect.room ? refuse(c, "so many", "one message") : 0;
@@ -211,6 +234,8 @@ static int putValue(eipClient *c, eipWriter *w, const eipValue *v, char **words,
 {
     const eipType *type = eipTypeOf(v->data.code);
 
+    if (count > 1 && (v->name.bit >= 0 || !type->size))
+        return refuseSeveral(c, v->name.bit >= 0 ? "a bit" : "a string");
     if (v->name.bit >= 0)
         return putBit(c, w, v, type, words[0]);
     if (v->data.code == eipStructureCode && !v->characters)
@@ -258,10 +283,12 @@ static int doIdentify(eipClient *c)
 
 static double numberArg(char letter, const char *text, double low, double high)
 {
+    int isWhole = letter != 'w';
     double number;
 
-    if (epicsParseDouble(text, &number, NULL) || number < low || number > high)
-        stop("-%c %s; allowed: %g to %g", letter, text, low, high);
+    if (epicsParseDouble(text, &number, NULL) || !(number >= low && number <= high) ||
+        (isWhole && number != (epicsInt64)number))
+        stop("-%c %s; allowed: %.10g to %.10g", letter, text, low, high);
     return number;
 }
 
