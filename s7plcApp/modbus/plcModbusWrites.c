@@ -150,17 +150,28 @@ static int writeOne(plcModbus *m, const plcRequest *request)
     return status;
 }
 
+/* The run goes on from one request to the next. */
+static int goesOn(const plcRequest *before, const plcRequest *next)
+{
+    return before->table == next->table && before->unit == next->unit && before->function != 22 &&
+           next->function != 22 && before->start + before->count == next->start;
+}
+
 /* Leaves out what is a part only of a number that is longer than a request may be; with singleWrite it is
  * written register by register. Returns as writeOne does. */
-static int writePlanned(plcModbus *m, plcRequest q)
+static int writePlanned(plcModbus *m, const plcRequest *requests, unsigned i, unsigned count)
 {
-    plcRequest part = q;
+    plcRequest q = requests[i], part = q;
     char reason[PLC_REASON_SIZE];
     unsigned head = 0, tail = 0;
 
     if (!m->session.options.singleWrite)
         plcPlanTorn(m->setup.outputs, m->setup.outputCount,
                     m->session.knowsOut ? m->ownJoinedOut : NULL, &q, &head, &tail);
+    if (i == 0 || !goesOn(&requests[i - 1], &q))
+        head = 0; /* all that was put of it */
+    if (i + 1 == count || !goesOn(&q, &requests[i + 1]))
+        tail = 0;
     plcWorkerReason(PLC_WORKER_TORN, reason);
     part.count = head;
     if (head)
@@ -204,7 +215,7 @@ static int writeTogether(plcModbus *m)
                       m->session.knowsOut ? m->ownJoinedOut : NULL, m->session.options.limits,
                       m->session.options.singleWrite, &requests);
     for (i = 0; i < n && status == 0; i++)
-        status = writePlanned(m, requests[i]);
+        status = writePlanned(m, requests, i, n);
     free(requests);
     if (status == 0 && plcWorkerEnter(m)) {
         plcImagePutsDone(m->setup.out);
