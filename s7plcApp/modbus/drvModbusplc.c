@@ -3,6 +3,7 @@
 
 #include <cantProceed.h>
 #include <epicsStdio.h>
+#include <errlog.h>
 #include <iocsh.h>
 
 #include "plcComplete.h"
@@ -53,6 +54,25 @@ static int ranges(const char *command, const char *name, const char *const text[
     return 0;
 }
 
+/* 40001 to 49999 and the like may be what a manual calls 1 and so on. */
+static void hintReferences(const char *command, const char *name, const plcRange *ranges,
+                           unsigned count)
+{
+    static const unsigned first[] = {[plcHolding] = 40001, [plcInputRegisters] = 30001,
+                                     [plcCoils] = 65536, [plcDiscrete] = 10001};
+    unsigned i;
+
+    for (i = 0; i < count; i++) {
+        const plcRange *r = &ranges[i];
+
+        if (r->start >= first[r->table] && r->start < first[r->table] + 9999)
+            errlogSevPrintf(errlogInfo, "%s %.60s: \"%s %u\" is address %u; if it is a manual's number, "
+                            "write \"%s %u\": they count from %u\n", command, name,
+                            plcTableName(r->table), r->start, r->start, plcTableName(r->table),
+                            r->start - first[r->table], first[r->table]);
+    }
+}
+
 static const char oneStation[] = "a device that takes only one needs one station, with \"unit n\" in "
                                  "its ranges";
 
@@ -70,6 +90,9 @@ static plcStation *configure(const char *command, const char *const args[7])
 
     if (!plcConfigureIsNew(command, name))
         return NULL;
+    if (!args[1])
+        return plcConfigureRefuse(command, name, "IPaddr is missing; allowed: " PLC_HOST_ALLOWED
+                                  ", or \"\" where a record brings it");
     if (plcConfigureAddress(address, &config, host, &error))
         return plcConfigureRefuse(command, name, "IPaddr \"%.60s\"; allowed: %s", address,
                                   error);
@@ -90,6 +113,8 @@ static plcStation *configure(const char *command, const char *const args[7])
         return NULL;
     }
     plcConfigureSharing(command, station, oneStation);
+    hintReferences(command, name, own.inputs, own.inputCount);
+    hintReferences(command, name, own.outputs, own.outputCount);
     sprintf(text, "%d", (int)timeout);
     plcStationSetOption(station, "requestTimeout", text, why, sizeof(why));
     return station;

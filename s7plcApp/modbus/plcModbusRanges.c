@@ -135,12 +135,13 @@ static int takeNumber(const parser *p, span *rest, const char *name, unsigned lo
     return 0;
 }
 
-/* 40001 or 400001: the reference numbers of manuals. */
+/* 40001, 400001, 4xxxx: the reference numbers of manuals. */
 static int isReference(span word)
 {
     size_t i;
 
-    for (i = 0; i < word.length && word.text[i] >= '0' && word.text[i] <= '9'; i++)
+    for (i = 0; i < word.length && ((word.text[i] >= '0' && word.text[i] <= '9') ||
+                                (i > 0 && (word.text[i] | 0x20) == 'x')); i++)
         ;
     return i == word.length && (i == 5 || i == 6);
 }

@@ -677,3 +677,16 @@ def test_less_than_a_value(new_modbus, new_ioc, most, wide):
         ioc.wait_alarm(f"i{n}", "NO_ALARM")
         ioc.put(f"o{n}", value)
         ioc.wait_alarm(f"o{n}", "NO_ALARM")
+
+
+def test_hints(new_ioc):
+    """numbers of manuals and an address that is missing: one line each says what to write"""
+    ioc = new_ioc("""modbusplcConfigure A, 127.0.0.1, 1, 1, "holding 40001 2, input 30101 2, holding 100 2", "discrete 10001 2"
+                     modbusplcConfigure B, 127.0.0.1, 1, 1, "holding 40001 2, input 30101 2, holding 100 2", "coils 1 2"
+                     modbusplcConfigure C, 127.0.0.1, 1, 1, "4xxxx 0 2"
+                     modbusplcConfigure D""", "")
+    log = ioc.log
+    assert log.count("modbusplcConfigure B: \"") == 2
+    assert '"holding 40001" is address 40001; if it is a manual\'s number, write "holding 0": they count from 40001' in log
+    assert 'write "input 100": they count from 30001' in log
+    assert 'table "4xxxx": 4xxxx is holding' in log and "modbusplcConfigure D: IPaddr is missing; allowed: " in log

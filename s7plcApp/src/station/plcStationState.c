@@ -163,6 +163,7 @@ int plcStationDelivered(const plcStation *s)
 void plcStationCountPuts(plcStation *s)
 {
     epicsUInt64 dropped, more;
+    char text[140];
     int some = plcImagePutsWaiting(s->out, NULL, NULL) > 0;
 
     plcImagePutsThrough(s->out, &dropped);
@@ -173,9 +174,11 @@ void plcStationCountPuts(plcStation *s)
         s->stats.putsDropped += more;
         epicsMutexUnlock(s->lock);
     }
-    if (more && !s->saidDropped)
-        plcStationLog(s, errlogMinor,
-                      "puts come faster than the PLC takes them: of each place the newest "
-                      "is kept");
+    if (more && !s->saidDropped) {
+        epicsSnprintf(text, sizeof(text),
+                      "puts come faster than the PLC takes them: %llu dropped, of each place the newest "
+                      "is kept", (unsigned long long)more);
+        plcStationLog(s, errlogMinor, text);
+    }
     s->saidDropped = some && (s->saidDropped || more);
 }
