@@ -173,7 +173,7 @@ class Handler(ServerRequestHandler):
             if peer.unit_code:
                 self.refuse(peer.unit_code)
             return
-        while not peer.answering.is_set():
+        while not peer.answering.is_set() and (request.writes or not peer.reads_go_on):
             peer.held = True
             await asyncio.sleep(0.001)  # the pace of the looks
         peer.held = False
@@ -296,7 +296,8 @@ class ModbusPeer:
         self.silent = False
         self.held = False  # a request waits for `answering`
         self.delay = 0  # s, before each answer
-        self.answering = threading.Event()  # while clear, answers wait
+        self.answering = threading.Event()  # while clear, answers wait,
+        self.reads_go_on = False  # or those of writes alone
         self.answering.set()
         self.mangle = None  # (request, frame) -> what goes out instead; nothing: b""
         self.core = self.server = None

@@ -1055,6 +1055,7 @@ def test_modbus_completion(new_modbus, new_asyn, rtype, dtyp, link, value, regis
     until(lambda: peer.answers, "the first read")
     ioc.wait_log("connected to")
     ioc.pv("o"), ioc.pv("o.PACT")
+    peer.reads_go_on = True  # a record that has joined late is read for
     peer.answering.clear()
     done = ioc.put_callback("o", value)
     until(lambda: peer.writes(), "the write")
