@@ -203,6 +203,18 @@ def test_commands(new_sim):
     assert documented - printed == {"allow", "first", "second"}  # a statement, and those of a pair
 
 
+@pytest.mark.parametrize("server", ["modbus", "etherip"])
+def test_words(new_sim, server):
+    """plcsim.md: what may stand behind `{server}` is what `{server} help` prints"""
+    sim = new_sim("in = 4\nout = 4\nbyteorder = little\nmodbus_port = 0\netherip_port = 0")
+    printed = sim.command(f"{server} help")
+    documented = {word for cells in table("plcsim.md", "command", "meaning")
+                  for word in re.findall(rf"\b{server} (\w+)", cells[0])} - {"help"}
+    assert len(documented) > 4 and not [word for word in documented if not re.search(rf"\b{word}\b", printed)]
+    words = set(re.findall(r"^  (\w+)", printed, re.M)) | set(re.findall(r"^  \w+, (\w+)", printed, re.M))
+    assert not words - documented - {"and", "with"}
+
+
 def test_arguments():
     """plcsim.md: each option of the command line stands in --help, and no other"""
     options = re.compile(r"(-\w), (--[\w-]+)")

@@ -36,6 +36,7 @@ def test_apart():
     episodes = [plan.episode(1, "blocks", n, faults, [({"a"}, {"b"}), ({"c"}, {"c"})]) for n in range(300)]
     together = {frozenset(s.fault for s in e.steps) for e in episodes}
     assert not any({"a", "b"} <= t for t in together)
+    assert {len(episode.steps) for episode in (plan.episode(1, "blocks", n, faults) for n in range(300))} == {1, 2, 3}
     assert {"a", "c"} in together and {"b", "d"} in together and {"a", "c", "d"} in together
 
 

@@ -3,6 +3,8 @@
 #include <poll.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
+#include <unistd.h>
 
 #include <epicsUnitTest.h>
 #include <testMain.h>
@@ -111,6 +113,26 @@ static void testRefused(void)
     testOk(status == -1 && c.state == plcConnectionDown && c.socket == INVALID_SOCKET &&
                strcmp(c.error, "connection refused by PLC") == 0,
            "refused: %s", c.error);
+    end(&c);
+}
+
+/* What the system says of an attempt, in the words of an operator. */
+static void testNoDescriptor(void)
+{
+    struct rlimit before, none;
+    plcConnection c;
+    int status, fd = dup(0);
+
+    close(fd);
+    begin(&c, 10, 10);
+    getrlimit(RLIMIT_NOFILE, &before);
+    none = before;
+    none.rlim_cur = (rlim_t)fd; /* the lowest that is free: none is left */
+    setrlimit(RLIMIT_NOFILE, &none);
+    status = plcConnectionOpen(&c, *loopback(), htons(1), now());
+    setrlimit(RLIMIT_NOFILE, &before);
+    testOk(status == -1 && c.state == plcConnectionDown && strcmp(c.error, "too many open files in IOC") == 0,
+           "no descriptor is left: %s", c.error);
     end(&c);
 }
 
@@ -277,8 +299,9 @@ static void testAgain(void)
 
 MAIN(connectionTest)
 {
-    testPlan(2 + 5 + 3 + 1 + 2 + 4 + 6);
+    testPlan(2 + 1 + 5 + 3 + 1 + 2 + 4 + 6);
     testRefused();
+    testNoDescriptor();
     testMade();
     testInput();
     testLasted();
