@@ -554,7 +554,8 @@ static const struct {
     {&ai,       0,  "T=INT32 W=low",              "INT32",  -2147483647,            2147483647,            ""},
     {&ai,       0,  "T=DOUBLE W=high",            "REAL64", 0,                      0,                     ""},
     {&ai,       0,  "W=low",                      "INT16",  -32767,                 32767,
-     "W= has no effect on INT16: only types of 4 and 8 bytes have an order of words"                         },
+     "W= has no effect on INT16: only types of 4 and 8 bytes have an order of words; allowed: W=BADC "
+     "DCBA, the lower byte first"                                                                       },
     {&ai,       0,  "W=BADC",                     "INT16",  -32767,                 32767,                 ""},
     {&ai,       0,  "T=BYTE W=BADC",              "UINT8",  0,                      255,
      "W= has no effect on UINT8: only types of 4 and 8 bytes have an order of words"                         },
@@ -719,6 +720,8 @@ static const struct {
      "REAL64"                                                                                         },
     {&ai,       0,  "T=INT32 W=A0",          15,
      "W=A0 and W=0A are for texts, not INT32; allowed: W=high low ABCD CDAB BADC DCBA"},
+    {&ai,       0,  "T=BCD",                 7,
+     "T=TIME (BCD) does not fit ai; allowed: INT8 UINT8 INT16 UINT16 INT32 UINT32 REAL32 REAL64"         },
     {&ai,       0,  "T=TIME",                7,  ""                                                   },
     {&ai,       0,  "T=INT64",               7,  ""                                                   },
     {&ai,       0,  "L=1 T=QWORD",           11, ""                                                   },

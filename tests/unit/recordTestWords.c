@@ -153,7 +153,7 @@ static const struct {
 } links[] = {
     {"longin", "INP=@L/0 W=low",
      "S7plc longin \"link0\" warning: INP: W= has no effect on INT16: only types of 4 and 8 "
-     "bytes have an order of words\n"},
+     "bytes have an order of words; allowed: W=BADC DCBA, the lower byte first\n"},
     {"bi", "INP=@L/0 T=BYTE W=high B=1",
      "S7plc bi \"link1\" warning: INP: W= has no effect on UINT8: only types of 4 and 8 bytes "
      "have an order of words\n"},
@@ -165,7 +165,7 @@ static const struct {
      "bytes have an order of words\n"},
     {"aao", "OUT=@L/0 W=low|FTVL=SHORT|NELM=8",
      "S7plc aao \"link4\" warning: OUT: W= has no effect on INT16: only types of 4 and 8 bytes "
-     "have an order of words\n"},
+     "have an order of words; allowed: W=BADC DCBA, the lower byte first\n"},
     {"ai", "INP=@L/0 T=INT32 W=LSW",
      "S7plc ai \"link5\" INP: W=LSW is no word order; allowed: W=high low ABCD CDAB BADC DCBA, for "
      "texts ABCD CDAB BADC DCBA A0 0A\n"

@@ -132,6 +132,9 @@ void plcStationReport(plcStation *s, FILE *file, int level)
         fprintf(file, "    last error: %s\n", st.lastError);
     if (level < 2)
         return;
+    if (s->exchange)
+        fprintf(file, "    puts: %u wait, %llu dropped because too many waited\n", st.putsWaiting,
+                (unsigned long long)st.putsDropped);
     histogram(file, "time from block to block", st.periodHist);
     histogram(file, "time from block to end of scan", st.latencyHist);
 }

@@ -23,7 +23,10 @@ static int completeType(plcLink *link, const plcShape *shape, plcLinkError *erro
     }
     plcTypeList(shape->kinds, shape->maxSize, types, sizeof(types));
     return plcLinkFail(error, link->column.T, "T=%s does not fit %s; allowed: %s",
-                       type ? type->name : shape->defaultType, shape->recordType, types);
+                       !type                 ? shape->defaultType
+                       : type->kind == plcBcd ? "TIME (BCD)"
+                                              : type->name,
+                       shape->recordType, types);
 }
 
 /* The limits that hold when nothing is said. */
@@ -131,9 +134,10 @@ static int completeWords(const plcLink *link, const plcShape *shape, plcLinkErro
     else if (!(shape->options & plcHasW) ||
              (!text && link->type->size < (link->wordBigEndian < 0 ? 4 : 2)))
         plcLinkWarn(error, link->column.W,
-                    "W= has no effect on %s: only types of 4 and 8 bytes "
-                    "have an order of words",
-                    name);
+                    "W= has no effect on %s: only types of 4 and 8 bytes have an order of words%s",
+                    name,
+                    shape->options & plcHasW && link->type->size == 2
+                        ? "; allowed: W=BADC DCBA, the lower byte first" : "");
     return 0;
 }
 
