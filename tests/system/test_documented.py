@@ -1,11 +1,14 @@
 """Tables of the documents, row by row, against what the programs say themselves."""
 import re
+import socket
 import subprocess
+import time
 
 import pytest
 
 from client import ARCH, TOP
 from ioc import errors_in
+from waiting import until
 
 PLCSIM = TOP / "bin" / ARCH / "plcSim"
 
@@ -238,3 +241,49 @@ def test_states(statistic, file):
                   and text.startswith("mbbi"))
     texts = {STRINGS.index(name): text for name, text in re.findall(r'field\((\w\wST), +"(.*)"\)', record)}
     assert documented == texts
+
+
+# --- plcSim as its page has it ----------------------------------------------------------------------
+
+def test_command_line(tmp_path):
+    """plcsim.md: -a, -p, -o, -e, -n, -s and -c do what the table says, whatever the file says"""
+    (tmp_path / "x.plc").write_text("address = 127.0.0.1\nport = 1\nin = 2\nout = 4\n")
+    began = time.monotonic()
+    sim = subprocess.Popen([PLCSIM, "-n", "-a", "127.0.0.9", "-p", "0", "-o", "in=8", "-o", "period=20 ms",
+                            "-e", "set in.0 UINT32 7", "-e", "set in.4 UINT32 8", "-c", tmp_path / "console", "-s", "3",
+                            tmp_path / "x.plc"], stdout=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True)
+    address, port = re.fullmatch(r"plcSim: PLC listening on (\S+):(\d+)\n", sim.stdout.readline()).groups()
+    assert address == "127.0.0.9" and sim.stdout.readline() == f"plcSim: console on {tmp_path}/console\n"
+    with socket.create_connection((address, int(port))) as plc:
+        assert plc.recv(8, socket.MSG_WAITALL) == b"\0\0\0\7\0\0\0\x08"
+    assert sim.wait(60) == 0 and time.monotonic() - began >= 3
+    sim.stdout.close()
+
+
+def test_console(new_sim):
+    """plcsim.md: dump, get by each form of address, period, signal, mirror, normal, first and second, quit"""
+    sim = new_sim("in = 8\nout = 8\nperiod = 1 h\ndb 10 16 Motor\n# a comment\ninit DB10.DBX4.3 BOOL 1\nsignal 4 UINT16 constant 5\n")
+    assert sim.command("dump DB10").endswith("00 00 00 00 08 00 00 00 00 00 00 00 00 00 00 00")
+    for address in "DB10.DBB4", "Motor.4 UINT8", "DB10.4 UINT8":
+        assert sim.command(f"get {address}").split()[-1] == "8", address
+    sim.command("set DB10.DBD8 0x01020304")
+    for address, value in (("DB10.DBW8", "258"), ("DB10.DBD8", "16909060"), ("Motor.8 UINT16[2]", "772")):
+        assert sim.command(f"get {address}").split()[-1] == value, address
+    for area in "MIQ":
+        sim.command(f"set {area}B255 7")
+        assert sim.command(f"get {area}255.2").split()[-1] == "1"
+    with pytest.raises(AssertionError):
+        sim.command("set MB256 1")
+    sim.command("signal 0 UINT16 constant 77")
+    sim.command("mirror 0 2 -> 2")
+    with socket.create_connection(("127.0.0.1", sim.port)) as plc:
+        plc.sendall(b"\x12\x34" + bytes(6))
+        until(lambda: "received: 1 " in sim.command("status"))
+        sim.command("period 20")
+        until(lambda: plc.recv(8, socket.MSG_WAITALL) == b"\0\x4d\x12\x34\0\5\0\0")
+    sim.command("silence")
+    assert "silence" in sim.command("status")
+    sim.command("normal")
+    assert "silence" not in sim.command("status")
+    sim.console.sendall(b"quit\n")
+    assert sim.process.wait(60) == 0

@@ -132,3 +132,31 @@ def test_lost(plc):
     now.ioc.command("s7plcStatsReset PLC")
     now.are(blocksIn=0, bytesIn=0, connects=0, reconnects=0, connectErrors=0, periodMax=0, scanLatencyMax=0)
     assert now["connectedFor"] > 0 and now.time("lostTime")
+
+
+SYNC = ["syncState", "syncText", "syncTime", "remote", "syncs", "syncsLost", "layoutPlc", "layoutMismatches", "readbacks"]
+
+
+def test_sync(new_sim, new_ioc):
+    """the handshake: its state, who has control, how often it began and ended, layout ids, read-backs"""
+    sim = new_sim("sync = on\nlayout = 7\nin = 16\nout = 16\nperiod = 50 ms\ndb 10 16\ninit DB10.DBD0 5\n"
+                  "tx DB10.DBD0 -> in.DBD4\nrx 4 -> DB10.DBD0\n")
+    ioc = new_ioc(f'''s7plcConfigure("PLC", "127.0.0.1", {sim.port}, 16, 16, 1, 30000, 20)
+        s7plcSetOption PLC sync on
+        s7plcSetOption PLC layout 7''', "".join(
+        f'record(lsi, "$(P){name}") {{ field(DTYP, "S7plc stats") field(INP, "@PLC/{name}") field(SIZV, "200") }}\n'
+        for name in SYNC) + 'record(longout, "$(P)out") { field(DTYP, "S7plc") field(OUT, "@PLC/4 T=INT32 R=4") }\n')
+    now = Statistics(ioc)
+
+    def are(**wanted):
+        for name, value in wanted.items():
+            until_equal(lambda n=name: now.text(n), str(value))
+    are(syncState=3, syncText="synced", remote=1, syncs=1, syncsLost=0, layoutPlc=7, layoutMismatches=0, readbacks=1)
+    until(lambda: float(now.text("syncTime")) > 0)
+    sim.command("local")
+    are(syncState=4, syncText="LOCAL", remote=0, syncs=1, syncsLost=1)
+    sim.command("remote")
+    are(syncState=3, syncText="synced", remote=1, syncs=2)
+    sim.command("set DB10.DBD0 9")
+    are(syncs=3, syncsLost=2, readbacks=2)
+    assert ioc.get("out") == 9
