@@ -287,3 +287,61 @@ def test_console(new_sim):
     assert "silence" not in sim.command("status")
     sim.console.sendall(b"quit\n")
     assert sim.process.wait(60) == 0
+
+
+def test_sizes_of_nothing(new_sim):
+    """plcsim.md: in = 0 sends nothing, out = 0 reads and forgets"""
+    sim = new_sim("in = 0\nout = 8\nperiod = 10 ms\n")
+    with socket.create_connection(("127.0.0.1", sim.port)) as plc:
+        plc.sendall(bytes(24))
+        until(lambda: "received: 3 " in sim.command("status"))
+        plc.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            plc.recv(1)
+    sim = new_sim("in = 2\nout = 0\nperiod = 10 ms\n")
+    with socket.create_connection(("127.0.0.1", sim.port)) as plc:
+        plc.sendall(bytes(1 << 20))
+        assert len(plc.recv(20, socket.MSG_WAITALL)) == 20
+
+
+# --- Displays and packages ----------------------------------------------------------------------------
+
+def test_lamps(monkeypatch):
+    """displays.md: each lamp has the colour that the table says of what it shows"""
+    monkeypatch.syspath_prepend(TOP / "s7plcApp/op")
+    from plcdisplays import displays, layout
+    colours = {layout.GREEN: "green", layout.RED: "red", layout.ORANGE: "orange", layout.BLUE: "blue",
+               layout.GREY: "grey"}
+    lamps = {}
+    for states in (value for value in vars(displays).values() if isinstance(value, (list, tuple))):
+        for state in states:
+            if isinstance(state, tuple) and len(state) == 3 and state[2] in colours and isinstance(state[1], str):
+                lamps.setdefault(state[1], set()).add(colours[state[2]])
+    expected = {"DATA OK": "green", "SYNCED": "green", "LOCAL": "blue", "HMI controls": "blue", "PLC REFUSES": "orange",
+                "MISMATCH": "red", "LAYOUT MISMATCH": "red", "EPICS controls": "grey"}
+    assert {word: lamps.get(word) for word in expected} == {word: {colour} for word, colour in expected.items()}
+    assert {row[0] for row in table("displays.md", "colour", "")} >= set(colours.values())
+
+
+def test_for_packagers():
+    """howto/deployment.md: the files and flags that a Makefile of somebody else needs are there"""
+    rows = dict(row[:2] for row in table("howto/deployment.md", "", ""))
+    assert all((TOP / "dbd" / name).exists() for name in rows["DBDS"].split(", "))
+    assert all((TOP / "include" / name).exists() for name in rows["HEADERS"].split(", "))
+    assert all(list((TOP / name).glob("*.db")) for name in rows["TEMPLATES"].split(", "))
+    folders = (TOP / "s7plcApp/src/FOLDERS").read_text()
+    makefile = (TOP / "s7plcApp/src/Makefile").read_text()
+    for folder in (entry.name for entry in (TOP / "s7plcApp/src").iterdir() if entry.is_dir() and entry.name[:2] != "O."):
+        assert folder in folders
+        assert all(file.name in makefile for file in (TOP / "s7plcApp/src" / folder).glob("*.c")), folder
+    flags = "".join(file.read_text() for file in (TOP / "configure").glob("CONFIG*") if file.is_file()) + makefile
+    for flag in re.findall(r"-[a-zA-Z]+=?[\w_]+", rows["USR_CFLAGS"])[:3]:
+        assert flag in flags, flag
+
+
+def test_hosts_only():
+    """howto/cross-build.md: plcSim, plcTag and unit tests are made for the host alone"""
+    for file, program in ("plcSim/Makefile", "plcSim"), ("s7plcApp/etherip/Makefile", "plcTag"):
+        assert re.findall(rf"^(\w+) \+= {program}$", (TOP / file).read_text(), re.M)[0].startswith("PROD_HOST")
+    made = re.findall(r"^(TESTPROD\w*) \+= ", (TOP / "tests/unit/Makefile").read_text(), re.M)
+    assert len(made) > 40 and all(word.startswith("TESTPROD_HOST") for word in made)
