@@ -1,6 +1,7 @@
 """Tables of the documents, row by row, against what the programs say themselves."""
 import re
 import socket
+import struct
 import subprocess
 import time
 
@@ -287,6 +288,14 @@ def test_console(new_sim):
     assert "silence" not in sim.command("status")
     sim.console.sendall(b"quit\n")
     assert sim.process.wait(60) == 0
+
+
+def test_arrays_of_signals(new_sim):
+    """plcsim.md: of a sine in an array each element is shifted"""
+    sim = new_sim("in = 12\nout = 0\nperiod = 10 ms\nsignal 0 REAL32[3] sine 0 10 1h\n")
+    with socket.create_connection(("127.0.0.1", sim.port)) as plc:
+        values = struct.unpack(">3f", plc.recv(12, socket.MSG_WAITALL))
+    assert len({round(value, 3) for value in values}) == 3 and all(0 <= value <= 10 for value in values)
 
 
 def test_sizes_of_nothing(new_sim):

@@ -61,6 +61,18 @@ def test_output(load, name):
         ioc.wait_value("N:RBV", value)
 
 
+@pytest.mark.parametrize("name", [name for name in OUTPUTS if "Readback" in name])
+def test_names(load, name):
+    """{name}.template with S=-S and RB=-RB: a setpoint N-S and what is read back of it, N-RB"""
+    macros, value, data = OUTPUTS[name]
+    peer, ioc = load(f"{name}.template", f"NAME=$(P)N,S=-S,RB=-RB,PLC=PLC,{macros}")
+    peer.send(bytes(64))
+    ioc.wait_alarm("N-RB", "NO_ALARM")
+    ioc.put("N-S", value)
+    peer.send(peer.wait_block((bytes(4) + data).ljust(64, b"\0")))
+    ioc.wait_value("N-RB", value)
+
+
 def test_status(load):
     """s7plcStatus.template counts the losses of the connection"""
     peer, ioc = load("s7plcStatus.template", "P=$(P),PLC=PLC")
