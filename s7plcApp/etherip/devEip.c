@@ -17,7 +17,7 @@ static const char noFit[] = "the value does not fit %s";
 static const char noBits[] = "each BOOL is an element: E in the link";
 
 /* Elements that hold all of the bits by themselves. */
-static const char noNext[] = "an element has these bits: E in the link";
+static const char noNext[] = "an element has these bits: E in link";
 
 static const char notRead[] = "the tag has not been read yet";
 
@@ -54,9 +54,9 @@ static int lacks(const devRecord *dev, const eipType *type, char reason[PLC_REAS
     if (!dev->mask && !own->across)
         return 0;
     if (own->counted && type->code == eipBool)
-        strcpy(reason, noBits);
+        epicsSnprintf(reason, PLC_REASON_SIZE, "%s", noBits);
     else if (own->across && type->size > 4)
-        strcpy(reason, noNext);
+        epicsSnprintf(reason, PLC_REASON_SIZE, "%s", noNext);
     else if (type->kind == eipReal && (own->output || !own->ofNumber))
         epicsSnprintf(reason, PLC_REASON_SIZE, "%s has no bits", type->name);
     else if (type->kind != eipReal && dev->mask && lacksBits(own, dev->mask, type))
@@ -260,7 +260,7 @@ static int lacksHalf(const devRecord *dev, char reason[PLC_REASON_SIZE])
         plcImageRead(plcStationInput(dev->station), eipPlaceOffset(own->second), 2, second, NULL) ||
         (first[0] && second[0]))
         return 0; /* the PLC is away: its values come first; or both are there */
-    strcpy(reason, notRead);
+    epicsSnprintf(reason, PLC_REASON_SIZE, "%s", notRead);
     return 1;
 }
 

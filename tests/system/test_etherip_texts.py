@@ -18,6 +18,14 @@ def test_texts(plant):
     plant.ioc.wait_alarm("real", "INVALID")
 
 
+def test_bits_across(plant):
+    """bits that an index counts, over the border of two DINTs, where the elements are larger: said in whole words"""
+    plant.tags("tag L LINT[4]", "tag N DINT = 1")
+    plant.records(rec("mbbi", "over", "L[28] S 0.05", "NOBT=8", "ONVL=1"), rec("longin", "n", "N S 0.05"))
+    plant.ioc.wait_value("n", 1)
+    plant.ioc.wait_alarm("over", "INVALID", "READ", "an element has these bits: E in link", ask=True)
+
+
 def test_not_read(plant):
     """before its first value a tag that is read seldom says so"""
     plant.tags("tag A DINT = 5", "tag B DINT = 6")
