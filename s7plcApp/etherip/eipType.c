@@ -193,7 +193,7 @@ static void limitText(const eipType *type, int isLow, int brief, char *text, siz
         epicsSnprintf(text, size, isLow ? "-2^%u" : "2^%u-1", bits);
     else
         epicsSnprintf(text, size, "%lld",
-                      isLow ? -(1ll << bits) : (long long)((epicsUInt64)1 << bits) - 1);
+                      isLow ? -(1LL << bits) : (long long)((epicsUInt64)1 << bits) - 1);
 }
 
 static void misfitText(const eipType *to, const eipType *from, const eipNumber *number, char *why,
