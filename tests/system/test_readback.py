@@ -179,3 +179,23 @@ def test_alarm_of_value(new_peer, new_ioc):
     show(20, 15, 0, 1, "NO_ALARM", "NO_ALARM", "NO_ALARM", "NO_ALARM")
     show(90, 9, 1, 2, "MAJOR", "MAJOR", "MINOR", "MAJOR")
     show(10, 10, 0, 0, "NO_ALARM", "MAJOR", "NO_ALARM", "NO_ALARM")
+
+
+def test_closed_loop(new_peer, new_ioc):
+    """with OMSL closed_loop the PLC's value is shown until the record processes; then DOL is written, as a put"""
+    peer = new_peer(8, 8)
+    ioc = new_ioc(peer.configure(send_interval=10), """
+        record(longout, "$(P)loop") { field(DTYP, "S7plc") field(OUT, "@PLC/0 T=INT32 R=0") field(OMSL, "closed_loop") field(DOL, "$(P)source") field(PINI, "YES") }
+        record(longout, "$(P)source") { field(VAL, "7") }
+        record(longin, "$(P)in") { field(DTYP, "S7plc") field(INP, "@PLC/4 T=INT32") field(SCAN, "I/O Intr") }
+        """)
+    peer.wait_connected()
+    peer.send(struct.pack(">ii", 5, 1))
+    ioc.wait_value("in", 1)
+    ioc.wait_value("loop", 5)
+    peer.send(struct.pack(">ii", 5, 2))
+    ioc.wait_value("in", 2)
+    assert ioc.get("loop") == 5 and all(block == struct.pack(">ii", 5, 0) for block in peer.blocks())
+    ioc.put("loop.PROC", 1)
+    peer.wait_block(struct.pack(">ii", 7, 0))
+    assert ioc.get("loop") == 7
