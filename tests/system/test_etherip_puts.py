@@ -156,3 +156,22 @@ def reconnect(plant):
     until(lambda: plant.ioc.log_count("disconnected") > lost)
     plant.ioc.wait_alarm("in", "NO_ALARM")
     plant.ioc.wait_alarm("b", "NO_ALARM")
+
+
+def test_force_at_start(plant):
+    """FORCE with PINI writes at the start, and after a reconnect; without a value of its own it follows"""
+    plant.tags("tag A DINT = 5", "tag B DINT = 6", "tag C DINT = 7")
+    plant.records(rec("longout", "a", "A S 0.05 FORCE", "PINI=YES", "VAL=77"), rec("longout", "b", "B S 0.05 FORCE"),
+                  rec("longout", "c", "C S 0.05", "PINI=YES", "VAL=77"), rec("longin", "in", "A S 0.05"))
+    plant.wait_tag("A", "77")
+    plant.ioc.wait_value("b", 6)
+    plant.ioc.wait_value("c", 7)
+    plant.sim.command("etherip refuse on")
+    plant.sim.command("etherip close")
+    plant.ioc.wait_alarm("in", "INVALID", "COMM")
+    plant.set("A", 8)
+    plant.set("B", 9)
+    plant.sim.command("etherip refuse off")
+    plant.wait_tag("A", "77")
+    plant.ioc.wait_value("b", 9)
+    assert plant.tag("B") == "9" and plant.tag("C") == "7" and plant.ioc.get("a") == 77
