@@ -136,6 +136,41 @@ static void numbers(void)
     plcPutsDestroy(p);
 }
 
+/* What is given up, or made no more. */
+static void ended(void)
+{
+    plcPuts *p = plcPutsCreate(size, 100);
+    epicsUInt64 a, b, c;
+
+    a = add(p, 0, "A", NULL, 1);
+    b = add(p, 1, "B", NULL, 1);
+    c = add(p, 1, "C", NULL, 1);
+    memset(mask, 0, size);
+    testOk(plcPutsTake(p, always, NULL, values, mask) == 2 && plcPutsThrough(p) == 0,
+           "two are under way, one waits");
+    memset(mask, 0, size);
+    mask[0] = 0xff;
+    plcPutsEnd(p, mask);
+    testOk(plcPutsThrough(p) == a && plcPutsCount(p) == 2, "the bits of one are through");
+    plcPutsBack(p);
+    memset(mask, 0, size);
+    testOk(plcPutsTake(p, NULL, NULL, values, mask) == 1 && !mask[0] && values[1] == 'B',
+           "they do not wait again, the others do");
+    testOk(plcPutsCancel(p, a) == plcPutThrough, "what is through cannot be cancelled");
+    testOk(plcPutsCancel(p, b) == plcPutMaybe && plcPutsThrough(p) == a,
+           "what is under way may be made");
+    plcPutsBack(p);
+    testOk(plcPutsThrough(p) == b && plcPutsCount(p) == 1, "but does not wait again");
+    testOk(plcPutsCancel(p, c) == plcPutNever && plcPutsCount(p) == 0 && plcPutsThrough(p) == c,
+           "what waits is not made");
+    a = add(p, 0, "A", NULL, 0);
+    b = add(p, 0, "B", NULL, 0);
+    testOk(plcPutsCancel(p, a) == plcPutNever && plcPutsCount(p) == 1,
+           "a newer value in its place is left alone");
+    testOk(plcPutsCancel(p, b) == plcPutNever && plcPutsCount(p) == 0, "until it is cancelled");
+    plcPutsDestroy(p);
+}
+
 static void reconnect(void)
 {
     plcPuts *p = plcPutsCreate(size, 100);
@@ -330,10 +365,11 @@ MAIN(putsTest)
 {
     unsigned i;
 
-    testPlan(87 + 7 + 5);
+    testPlan(87 + 7 + 5 + 9);
     order();
     bits();
     numbers();
+    ended();
     reconnect();
     tooMany();
     behind();

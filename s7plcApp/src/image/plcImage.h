@@ -119,6 +119,15 @@ unsigned plcImageTakePuts(plcImage *image, int (*joins)(void *arg, const plcPut 
 void plcImagePutsDone(plcImage *image);
 void plcImagePutsBack(plcImage *image);
 
+/* These bits of what is under way are given up: they do not wait again, and are not put again on
+ * another connection, until somebody puts them anew. mask is as large as the image. */
+void plcImagePutsGiveUp(plcImage *image, const void *mask);
+
+/* The put of this number, to these bits, is to be made no more; nor are they put again on another
+ * connection. */
+plcPutFate plcImageCancel(plcImage *image, epicsUInt64 number, size_t offset, size_t length,
+                          const void *mask);
+
 /* How many puts wait or are under way; of puts that are kept also their bits in mask, and what
  * the image holds there, in values (both as large as the image, may be NULL). */
 unsigned plcImagePutsWaiting(plcImage *image, void *values, void *mask);

@@ -343,6 +343,52 @@ void plcImagePutsDone(plcImage *image)
     epicsMutexUnlock(image->lock);
 }
 
+/* These bits of one byte are not ours any more, but for those of a newer put that waits. The lock
+ * is held. */
+static void disown(plcImage *image, size_t at, epicsUInt8 bits)
+{
+    unsigned bit;
+
+    if (!plcPutsOverlay(image->puts, at, 1, &bits, NULL)) {
+        image->ours[at] &= (epicsUInt8)~bits;
+        return;
+    }
+    for (bit = 1; bit < 0x100; bit <<= 1) {
+        epicsUInt8 one = (epicsUInt8)(bits & bit);
+
+        if (one && !plcPutsOverlay(image->puts, at, 1, &one, NULL))
+            image->ours[at] &= (epicsUInt8)~one;
+    }
+}
+
+void plcImagePutsGiveUp(plcImage *image, const void *mask)
+{
+    const epicsUInt8 *bits = mask;
+    size_t i;
+
+    epicsMutexMustLock(image->lock);
+    plcPutsEnd(image->puts, mask);
+    for (i = 0; i < image->size; i++)
+        if (bits[i])
+            disown(image, i, bits[i]);
+    epicsMutexUnlock(image->lock);
+}
+
+plcPutFate plcImageCancel(plcImage *image, epicsUInt64 number, size_t offset, size_t length,
+                          const void *mask)
+{
+    const epicsUInt8 *bits = mask;
+    plcPutFate fate;
+    size_t i;
+
+    epicsMutexMustLock(image->lock);
+    fate = plcPutsCancel(image->puts, number);
+    for (i = 0; fate != plcPutThrough && i < length; i++)
+        disown(image, offset + i, bits ? bits[i] : 0xff);
+    epicsMutexUnlock(image->lock);
+    return fate;
+}
+
 unsigned plcImagePutsWaiting(plcImage *image, void *values, void *mask)
 {
     epicsUInt8 *bits = mask;

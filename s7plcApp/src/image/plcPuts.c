@@ -13,6 +13,7 @@ typedef struct entry {
     epicsUInt64 first, last; /* its number, and the first of those whose place it took */
     size_t offset, length;
     int edges;
+    int cancelled; /* under way: it does not wait again */
     int masked;
     epicsUInt8 bytes[1]; /* length, and as many again for the mask */
 } entry;
@@ -305,12 +306,54 @@ void plcPutsBack(plcPuts *p)
 
     while ((e = (entry *)ellLast(&p->underWay))) {
         ellDelete(&p->underWay, &e->node);
+        if (e->cancelled) {
+            free(e);
+            continue;
+        }
         ellInsert(&p->waiting, NULL, &e->node);
         if (!p->newest[e->offset])
             p->newest[e->offset] = e;
     }
     if (p->away)
         plcPutsAway(p, 1);
+}
+
+void plcPutsEnd(plcPuts *p, const void *mask)
+{
+    entry *e, *next;
+
+    for (e = (entry *)ellFirst(&p->underWay); e; e = next) {
+        next = (entry *)ellNext(&e->node);
+        if (!without(e, 0, p->room, mask))
+            continue;
+        ellDelete(&p->underWay, &e->node);
+        free(e);
+    }
+}
+
+static entry *findNumber(ELLLIST *list, epicsUInt64 number)
+{
+    entry *e = (entry *)ellFirst(list);
+
+    while (e && (number < e->first || number > e->last))
+        e = (entry *)ellNext(&e->node);
+    return e;
+}
+
+plcPutFate plcPutsCancel(plcPuts *p, epicsUInt64 number)
+{
+    entry *e = findNumber(&p->underWay, number);
+
+    if (e) {
+        e->cancelled = e->last == number;
+        return plcPutMaybe;
+    }
+    e = findNumber(&p->waiting, number);
+    if (!e)
+        return plcPutsThrough(p) >= number ? plcPutThrough : plcPutNever;
+    if (e->last == number)
+        dropEntry(p, e);
+    return plcPutNever;
 }
 
 unsigned plcPutsCount(const plcPuts *p)

@@ -61,6 +61,20 @@ unsigned plcPutsTake(plcPuts *puts, int (*joins)(void *arg, const plcPut *put), 
 void plcPutsDone(plcPuts *puts);
 void plcPutsBack(plcPuts *puts);
 
+/* Of what is under way only these bits are through: they do not wait again, whatever becomes of
+ * the others. mask is as large as the image. */
+void plcPutsEnd(plcPuts *puts, const void *mask);
+
+/* What becomes of a put that is to be made no more. */
+typedef enum {
+    plcPutNever,  /* it waited, and is void */
+    plcPutMaybe,  /* it is under way, and does not wait again */
+    plcPutThrough /* it was through */
+} plcPutFate;
+
+/* The put of this number is to be made no more. A newer one that has taken its place is left alone. */
+plcPutFate plcPutsCancel(plcPuts *puts, epicsUInt64 number);
+
 /* How many wait or are under way. */
 unsigned plcPutsCount(const plcPuts *puts);
 
