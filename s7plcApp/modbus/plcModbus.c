@@ -12,6 +12,9 @@
 
 #include "plcModbusPvt.h"
 
+/* Until a heartbeat register that was not answered is written again, ns. */
+#define BEAT_REST_NS (60000ull * NS_PER_MS)
+
 static void worker(void *arg);
 
 /* --- Life ------------------------------------------------------------------------- */
@@ -79,6 +82,9 @@ plcModbus *plcModbusCreate(const plcModbusSetup *setup)
     m->waiting = zeroed(setup->outSize);
     m->values = zeroed(setup->outSize);
     m->unsure = zeroed(setup->outSize);
+    m->doubt = zeroed(setup->outSize);
+    m->told = zeroed(setup->outSize);
+    m->givenUp = zeroed(setup->outSize);
     m->pieces = zeroed((most + 1) * sizeof(*m->pieces));
     m->relay = plcModbusRelayCreate(setup->name, signalWorker, m);
     m->units = countUnits(setup);
@@ -135,6 +141,9 @@ void plcModbusDestroy(plcModbus *m)
     free(m->waiting);
     free(m->values);
     free(m->unsure);
+    free(m->doubt);
+    free(m->told);
+    free(m->givenUp);
     free(m->pieces);
     free(m->session.turns);
     free(m->cuts);
@@ -310,6 +319,24 @@ static void giveUp(plcModbus *m)
 
 /* --- Heartbeat -------------------------------------------------------------------- */
 
+/* The PLC gave no good answer: it gets the count once more after the reconnect, then once a
+ * minute. Returns as beat does. */
+static int beatUnanswered(plcModbus *m, int status)
+{
+    session *s = &m->session;
+
+    if (m->beatDoubt)
+        s->beat = m->beatRest = epicsMonotonicGet() + BEAT_REST_NS;
+    if (m->beatDoubt && !s->beatRefused && plcWorkerEnter(m)) {
+        s->beatRefused = 1;
+        plcWorkerNote(m, "heartbeat register %d: %s; tried once a minute",
+                      s->options.heartbeatRegister, status < 0 ? s->lost : s->silentWhy);
+        plcWorkerTell(m);
+    }
+    m->beatDoubt = 1;
+    return status < 0 ? -1 : 0;
+}
+
 static int beat(plcModbus *m)
 {
     session *s = &m->session;
@@ -323,13 +350,20 @@ static int beat(plcModbus *m)
 
     if (o->heartbeatRegister < 0 || !s->outputsTried || now < s->beat)
         return 0;
+    m->beatRest = 0;
     s->beat = s->beat ? plcWorkerNext(s->beat, period, now) : now + period;
     m->registers[0] = ++m->beatCount;
+    s->mayBeSilent = m->beatDoubt && !o->rtu && !o->anyTransaction;
     status = plcWorkerAsk(m, &q);
+    s->mayBeSilent = 0;
+    if (status == PLC_WORKER_SILENT || (status < 0 && s->lost[0]))
+        return beatUnanswered(m, status);
+    if (status >= 0)
+        m->beatDoubt = 0;
     if (status < 0 || (status > 0) == s->beatRefused || !plcWorkerEnter(m))
         return status < 0 ? -1 : 0;
     s->beatRefused = status > 0;
-    plcWorkerReason(status, reason);
+    plcWorkerReason(m, status, reason);
     plcWorkerNote(m, "heartbeat register %d: %s", o->heartbeatRegister,
                   status ? reason : "the PLC takes it again");
     plcWorkerTell(m);
@@ -363,6 +397,7 @@ static void beginSession(plcModbus *m)
         s->generation = m->generation;
         s->on = 1;
         s->options = m->options;
+        s->beat = m->beatRest;
         memset(m->leaving, 0, m->setup.outSize);
         takeJoined(m);
     }
@@ -388,10 +423,13 @@ static int takeOptions(plcModbus *m)
     session *s = &m->session;
     double before = s->options.readPeriod;
     plcLimits limits = s->options.limits;
+    int beatRegister = s->options.heartbeatRegister;
     epicsUInt64 now = epicsMonotonicGet();
     unsigned i;
 
     s->options = m->options;
+    if (beatRegister != s->options.heartbeatRegister)
+        s->beat = m->beatRest = m->beatDoubt = s->beatRefused = 0;
     for (i = 0; i < s->turnCount && before != s->options.readPeriod; i++)
         if (s->turns[i].output && s->turns[i].due > now) {
             s->turns[i].due = now;

@@ -63,7 +63,7 @@ static void setRelay(plcModbus *m, const plcRequest *q)
         .unit = q->unit == PLC_UNIT_OF_PLC ? m->setup.unit : q->unit - 1,
         .anyUnit = o->anyUnit,
         .anyTransaction = o->anyTransaction,
-        .keepSilent = m->units > 1,
+        .keepSilent = m->units > 1 || m->session.mayBeSilent,
         .rtu = o->rtu};
 
     plcModbusRelaySetOptions(m->relay, &options);
@@ -91,10 +91,12 @@ static int askOnce(plcModbus *m, const plcRequest *q)
     countRequest(m, &x);
     epicsMutexUnlock(m->lock);
     m->session.answered = epicsMonotonicGet();
-    if (!x.silent)
+    if (!x.silent) {
         m->session.silent = 0;
-    else if (++m->session.silent < m->units + 1)
+    } else if (++m->session.silent < m->units + 1) {
+        strcpy(m->session.silentWhy, x.why);
         return PLC_WORKER_SILENT;
+    }
     strcpy(m->session.lost, x.why);
     return x.lost ? -1 : x.exception;
 }

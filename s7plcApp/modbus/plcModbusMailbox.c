@@ -52,12 +52,12 @@ const char *plcWorkerWhere(const plcRequest *q, char text[40])
 }
 
 /* "PLC: exception 2, illegal data address" */
-void plcWorkerReason(int code, char reason[PLC_REASON_SIZE])
+void plcWorkerReason(const plcModbus *m, int code, char reason[PLC_REASON_SIZE])
 {
     char text[PLC_REASON_SIZE];
 
     if (code == PLC_WORKER_SILENT) {
-        strcpy(reason, "no answer from this unit");
+        strcpy(reason, m->units > 1 ? "no answer from this unit" : m->session.silentWhy);
         return;
     }
     if (code == PLC_WORKER_TORN) {

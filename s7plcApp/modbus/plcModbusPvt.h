@@ -62,6 +62,9 @@ typedef struct session {
     int noMaskWrite;               /* the PLC has no FC22 */
     int noMultiple[2];             /* nor FC16, FC15; with singleWrite it does without */
     unsigned silent;               /* requests without an answer since the last one */
+    int mayBeSilent;               /* the next request may: the session goes on without an answer */
+    unsigned muted;                /* writes without an answer since the last one that has one */
+    char silentWhy[PLC_REASON_SIZE]; /* "no answer for 1.0 s" */
     epicsUInt64 answered;          /* ns, the last answer */
     epicsUInt64 beat;              /* ns, when the heartbeat is due */
     int beatRefused;
@@ -103,7 +106,12 @@ struct plcModbus {
     epicsUInt8 *in, *out;         /* the images as the PLC has them */
     epicsUInt8 *leaving, *values; /* bits that a plan is still to write, their values */
     epicsUInt8 *waiting;          /* bits of all puts that have not left */
-    epicsUInt8 *unsure;           /* bits under way when a connection ended */
+    epicsUInt8 *unsure;           /* bits whose write had no answer: the PLC may show them */
+    epicsUInt8 *doubt;            /* bits whose last write had no answer, or a bad one */
+    epicsUInt8 *told;             /* those of them that the log has */
+    epicsUInt8 *givenUp;          /* room for a mask */
+    int beatDoubt;                /* the same of the heartbeat register */
+    epicsUInt64 beatRest;         /* ns, not before */
     epicsUInt8 *ownJoinedIn, *ownJoinedOut;
     plcPiece *pieces;
     cut *cuts;
@@ -137,7 +145,7 @@ void plcWorkerNote(plcModbus *m, const char *format, ...) EPICS_PRINTF_STYLE(2, 
 const char *plcWorkerWhere(const plcRequest *q, char text[40]);
 
 /* "PLC: exception 2, illegal data address" */
-void plcWorkerReason(int code, char reason[PLC_REASON_SIZE]);
+void plcWorkerReason(const plcModbus *m, int code, char reason[PLC_REASON_SIZE]);
 
 /* Bits of `from` that are set in the mask, into `to`. */
 void plcWorkerMix(epicsUInt8 *to, const epicsUInt8 *from, const epicsUInt8 *mask,
@@ -151,7 +159,8 @@ void plcWorkerMix(epicsUInt8 *to, const epicsUInt8 *from, const epicsUInt8 *mask
  * lost, session.lost says why; the caller of all these functions tells it. */
 int plcWorkerAsk(plcModbus *m, const plcRequest *q);
 
-/* Instead of the code of an exception: one of several units did not answer. */
+/* Instead of the code of an exception: no answer from one of several units, or to a write that
+ * had none before. */
 #define PLC_WORKER_SILENT 256
 /* Or: it was not asked, since a part of a number is all that fits into a request. */
 #define PLC_WORKER_TORN 257

@@ -252,7 +252,7 @@ static void tellRefused(plcModbus *m)
             used += (size_t)epicsSnprintf(others + used, sizeof(others) - used, " and %u more", more);
         if (used)
             strcpy(others + used, ")");
-        plcWorkerReason(first->refused, reason);
+        plcWorkerReason(m, first->refused, reason);
         plcWorkerNote(m, "read of %s: %s%s", plcWorkerWhere(&first->request, text), reason, others);
         m->hasNews = 1;
     }
@@ -282,7 +282,7 @@ static void inputRead(plcModbus *m, turn *t, int code)
     int changed = 0;
     char text[40], reason[PLC_REASON_SIZE];
 
-    plcWorkerReason(code, reason);
+    plcWorkerReason(m, code, reason);
     if (!plcWorkerEnter(m))
         return;
     for (i = 0; i < n; i++) {
@@ -399,7 +399,7 @@ static void wholeIsRefused(plcModbus *m, turn *t)
     char reason[PLC_REASON_SIZE];
 
     t->refused = t->wholeCode;
-    plcWorkerReason(t->refused, reason);
+    plcWorkerReason(m, t->refused, reason);
     if (t->output || !plcWorkerEnter(m))
         return;
     for (i = 0; i < n; i++) {
@@ -449,7 +449,7 @@ static void tellOutputs(plcModbus *m)
         return;
     shown = findHidden(m, &refused);
     if (refused)
-        plcWorkerReason(refused->refused, reason);
+        plcWorkerReason(m, refused->refused, reason);
     if (shown || !refused) {
         checkUnsure(m);
         memcpy(m->outNews, m->out, m->setup.outSize);

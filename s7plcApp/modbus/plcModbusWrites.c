@@ -7,41 +7,93 @@
 
 #include "plcModbusPvt.h"
 
-/* The write is through: it was acknowledged (reason ""), or not. */
-static void settle(plcModbus *m, const plcRequest *q, const char *reason)
+/* Writes without an answer, one after the other, until parts of a request are not tried any more. */
+#define MUTED_MOST 8
+
+/* How a write has ended. */
+typedef enum { writeTaken, writeRefused, writeUnanswered } writeEnd;
+
+/* The bits of a piece that are being written, into mask; whether the PLC has them is known now,
+ * or not. Those that had no answer before either are given up. Returns 1 when the log has not told
+ * that of some. The lock is held. */
+static int endBits(plcModbus *m, size_t offset, size_t size, epicsUInt8 *mask, writeEnd end)
+{
+    size_t k;
+    int news = 0;
+
+    for (k = 0; k < size; k++) {
+        size_t at = offset + k;
+
+        mask[k] &= m->leaving[at];
+        m->leaving[at] &= (epicsUInt8)~mask[k];
+        m->unsure[at] &= (epicsUInt8)~mask[k];
+        if (end == writeUnanswered) {
+            m->unsure[at] |= mask[k];
+            m->givenUp[at] = m->session.lost[0] ? m->doubt[at] & mask[k] : mask[k];
+            news |= (m->givenUp[at] & ~m->told[at]) != 0;
+            m->told[at] |= m->givenUp[at];
+            m->doubt[at] |= mask[k];
+        } else {
+            m->doubt[at] &= (epicsUInt8)~mask[k];
+            m->told[at] &= (epicsUInt8)~mask[k];
+        }
+    }
+    return news;
+}
+
+/* The write is through: the PLC has taken it, or refused it, or did not answer. A write without a
+ * good answer is made once more after the reconnect, by the put that waits again; then its put is
+ * given up. */
+static void settle(plcModbus *m, const plcRequest *q, writeEnd end, const char *reason)
 {
     unsigned i, n = plcWorkerOutPieces(m, q);
-    int changed = 0;
+    int changed = 0, news = 0;
     char text[40];
 
     if (!plcWorkerEnter(m))
         return;
+    memset(m->givenUp, 0, m->setup.outSize);
     for (i = 0; i < n; i++) {
         const plcPiece *p = &m->pieces[i];
         epicsUInt8 mask[maskMax];
-        size_t k, size = plcWorkerPieceBytes(q, p);
+        size_t size = plcWorkerPieceBytes(q, p);
 
         plcWorkerPieceMask(q, p, mask);
-        for (k = 0; k < size; k++) {
-            epicsUInt8 *unsure = &m->unsure[p->offset + k];
-
-            mask[k] &= m->leaving[p->offset + k];
-            m->leaving[p->offset + k] &= (epicsUInt8)~mask[k];
-            *unsure &= (epicsUInt8)~mask[k];
-            *unsure |= m->session.lost[0] ? mask[k] : 0;
-        }
-        if (reason[0]) {
+        news |= endBits(m, p->offset, size, mask, end);
+        if (end != writeTaken) {
             changed |= plcFaultsSet(m->setup.outFaults, p->offset, size, mask, reason);
         } else {
             changed |= plcFaultsClear(m->setup.outFaults, p->offset, size, mask);
             plcWorkerMix(m->out + p->offset, m->values + p->offset, mask, size);
         }
     }
-    if (changed && reason[0] && !m->session.lost[0])
+    if (end == writeUnanswered)
+        plcImagePutsGiveUp(m->setup.out, m->givenUp);
+    if (news)
+        plcWorkerNote(m, "write of %s: %s; not tried again", plcWorkerWhere(q, text), reason);
+    else if (changed && end == writeRefused)
         plcWorkerNote(m, "write of %s: %s", plcWorkerWhere(q, text), reason);
-    m->news.writes += !reason[0];
+    m->news.writes += end == writeTaken;
     m->news.outFaults |= changed;
     plcWorkerTell(m);
+}
+
+/* A bit of this write had no good answer before. */
+static int isInDoubt(plcModbus *m, const plcRequest *q)
+{
+    unsigned i, n = plcWorkerOutPieces(m, q);
+
+    for (i = 0; i < n; i++) {
+        const plcPiece *p = &m->pieces[i];
+        epicsUInt8 mask[maskMax];
+        size_t k, size = plcWorkerPieceBytes(q, p);
+
+        plcWorkerPieceMask(q, p, mask);
+        for (k = 0; k < size; k++)
+            if (mask[k] & m->leaving[p->offset + k] & m->doubt[p->offset + k])
+                return 1;
+    }
+    return 0;
 }
 
 /* Sets only some bits of a register. Returns as plcWorkerAsk does. */
@@ -89,9 +141,12 @@ static int writeWhole(plcModbus *m, const plcRequest *q)
     return plcWorkerAsk(m, q);
 }
 
-/* With singleWrite a PLC may have no function for more than one. */
+/* With singleWrite a PLC may have no function for more than one. Where nothing is answered at all,
+ * parts are not tried one by one. */
 static int halvesMayHelp(const plcModbus *m, int code)
 {
+    if (code == PLC_WORKER_SILENT)
+        return m->units == 1 && m->session.muted < MUTED_MOST;
     return plcWorkerLessMayHelp(code) || (code == 1 && m->session.options.singleWrite);
 }
 
@@ -122,13 +177,31 @@ static int refused(plcModbus *m, const plcRequest *q, int code)
         m->session.noMultiple[plcWorkerIsBits(q->table)] = 1;
         return writeEach(m, q);
     }
-    plcWorkerReason(code, reason);
+    plcWorkerReason(m, code, reason);
     if (code == 1 && (q->function == 16 || q->function == 15))
         epicsSnprintf(reason, sizeof(reason), "PLC has no FC%d: set singleWrite=on", q->function);
     if (q->function == 22 && code == 1 && !m->session.options.readModifyWrite)
         epicsSnprintf(reason, sizeof(reason), "PLC has no FC22: set maskWrite=rmw");
-    settle(m, q, reason);
+    settle(m, q, code == PLC_WORKER_SILENT && m->units == 1 ? writeUnanswered : writeRefused, reason);
     return 0;
+}
+
+/* A write has no answer: before the next one everything is read that is due, which shows whether the
+ * PLC is there. Returns 0, or -1: the session is over, because of this write, for all that is
+ * known. */
+static int readBetween(plcModbus *m, const plcRequest *q)
+{
+    unsigned left = m->session.turnCount + 2;
+
+    m->session.muted++;
+    if (m->units > 1)
+        return 0;
+    while (left-- && m->session.on && !m->session.lost[0] && plcWorkerPoll(m) == 0)
+        ;
+    if (!m->session.lost[0])
+        return m->session.on ? 0 : -1;
+    settle(m, q, writeUnanswered, m->session.lost);
+    return -1;
 }
 
 /* Writes, in parts where the PLC refuses the whole. Returns 0, or -1: session over. */
@@ -142,11 +215,19 @@ static int writeOne(plcModbus *m, const plcRequest *request)
         return writeEach(m, &q);
     if (q.count == 1 && q.function != 22 && m->session.options.singleWrite)
         q.function = plcWorkerIsBits(q.table) ? 5 : 6;
+    /* Late answers are known by their number. */
+    m->session.mayBeSilent = !m->session.options.rtu && !m->session.options.anyTransaction &&
+                             isInDoubt(m, &q);
     status = q.function == 22 ? writeBits(m, &q) : writeWhole(m, &q);
+    m->session.mayBeSilent = 0;
+    if (status == PLC_WORKER_SILENT && readBetween(m, &q))
+        return -1;
     if (status > 0)
         return refused(m, &q, status);
+    if (status >= 0 && status != PLC_WORKER_SILENT)
+        m->session.muted = 0;
     if (status == 0 || m->session.lost[0])
-        settle(m, &q, m->session.lost);
+        settle(m, &q, status ? writeUnanswered : writeTaken, m->session.lost);
     return status;
 }
 
@@ -172,32 +253,62 @@ static int writePlanned(plcModbus *m, const plcRequest *requests, unsigned i, un
         head = 0; /* all that was put of it */
     if (i + 1 == count || !goesOn(&q, &requests[i + 1]))
         tail = 0;
-    plcWorkerReason(PLC_WORKER_TORN, reason);
+    plcWorkerReason(m, PLC_WORKER_TORN, reason);
     part.count = head;
     if (head)
-        settle(m, &part, reason);
+        settle(m, &part, writeRefused, reason);
     part.start = q.start + q.count - tail;
     part.count = tail;
     if (tail)
-        settle(m, &part, reason);
+        settle(m, &part, writeRefused, reason);
     q.start += head;
     q.count -= head + tail;
     return q.count ? writeOne(m, &q) : 0;
+}
+
+typedef struct together {
+    plcJoin join;
+    const epicsUInt8 *doubt;
+    unsigned count;
+    int inDoubt; /* the first one */
+} together;
+
+static int hasDoubt(const epicsUInt8 *doubt, const plcPut *put)
+{
+    size_t i;
+
+    for (i = 0; i < put->length; i++)
+        if (doubt[put->offset + i] & (put->mask ? put->mask[i] : 0xff))
+            return 1;
+    return 0;
+}
+
+/* What had no answer leaves apart from the rest. */
+static int joins(void *arg, const plcPut *put)
+{
+    together *t = arg;
+    int inDoubt = hasDoubt(t->doubt, put);
+
+    if (!t->count++)
+        t->inDoubt = inDoubt;
+    return inDoubt == t->inDoubt && plcPlanJoins(&t->join, put);
 }
 
 /* What leaves together: puts that are neighbours in their order and in a table. Returns 0
  * when there is nothing, or the session is over. */
 static unsigned takeTogether(plcModbus *m)
 {
-    plcJoin join = {m->setup.outputs, m->setup.outputCount, m->session.options.limits, .most = 0};
+    together t = {
+        {m->setup.outputs, m->setup.outputCount, m->session.options.limits, .most = 0},
+        m->doubt, 0, 0};
     unsigned count;
 
     if (!plcWorkerEnter(m))
         return 0;
     memset(m->leaving, 0, m->setup.outSize);
-    count = m->mayWrite ? plcImageTakePuts(m->setup.out, plcPlanJoins, &join, m->values,
-                                           m->leaving)
-                        : 0;
+    count = m->mayWrite
+                ? plcImageTakePuts(m->setup.out, joins, &t, m->values, m->leaving)
+                : 0;
     if (!count)
         m->mayWrite = 0; /* the next ones have their holdoff */
     epicsMutexUnlock(m->lock);

@@ -1,0 +1,250 @@
+"""Writes that a Modbus device never answers, or answers wrongly: they end with their alarm after one repetition, and the
+station goes on."""
+import pytest
+
+from ioc import errors_in
+from waiting import until, until_equal
+
+BASE = 200   # the first output register
+COILS = 400  # and coil
+BAD = 5      # offset of the register that gets no good answer
+
+DB = "\n".join(
+    [f'record(longout, "$(P)o{i}") {{ field(DTYP, "S7plc") field(OUT, "@PLC/{2 * i} T=UINT16") field(FLNK, "$(P)n{i}") }}\n'
+     f'record(calc, "$(P)n{i}") {{ field(CALC, "VAL+1") }}' for i in range(20)] +
+    [f'record(bo, "$(P)k{i}") {{ field(DTYP, "S7plc") field(OUT, "@PLC/100 T=UINT8 B={i}") }}' for i in range(8)] +
+    ['record(bo, "$(P)pulse") { field(DTYP, "S7plc") field(OUT, "@PLC/100 T=UINT8 B=0") field(HIGH, "0.05") }',
+     'record(bo, "$(P)bit") { field(DTYP, "S7plc") field(OUT, "@PLC/10 T=UINT16 B=3") }',
+     'record(longin, "$(P)in") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT16") field(SCAN, "I/O Intr") }',
+     'record(longin, "$(P)losses") { field(DTYP, "S7plc stats") field(INP, "@PLC/reconnects") field(SCAN, ".1 second") }',
+     'record(longin, "$(P)timeouts") { field(DTYP, "S7plc stats") field(INP, "@PLC/requestTimeouts") field(SCAN, ".1 second") }',
+     'record(longin, "$(P)waiting") { field(DTYP, "S7plc stats") field(INP, "@PLC/putsWaiting") }'])
+
+
+class Device:
+    """Has a register or coil whose writes it does not carry out, and answers as `how` says."""
+
+    def __init__(self, new_modbus, new_ioc, *options, how="mute", bad=lambda r: BASE + BAD in r.addresses(), inputs=True):
+        self.plc, self.how, self.bad = new_modbus(), how, bad
+        self.plc.judge = lambda request: 4 if self.meets(request) else 0
+        self.plc.mangle = self.answer
+        self.ioc = new_ioc(self.plc.configure("holding 0 10 every 20" if inputs else "",
+                                              f"holding {BASE} 20, coils {COILS} 8 at 100", timeout=200) +
+                           "".join(f"\ns7plcSetOption PLC {option}" for option in options), DB)
+        self.ioc.wait_log("connected")
+        until(lambda: self.plc.answers >= 3, "the first reads")
+
+    def meets(self, request):
+        return request.function in (5, 6, 15, 16, 22) and self.bad(request)
+
+    def answer(self, request, frame):
+        if not self.meets(request):
+            return frame
+        handler = self.plc.handlers[-1]
+        if self.how == "echo":  # of another address
+            return frame[:4] + b"\0\6" + frame[6:7] + bytes([request.function]) + (request.start + 1).to_bytes(2, "big") + b"\0\1"
+        if self.how in ("close", "reset"):
+            self.plc.loop.call_soon(lambda: handler.drop(reset=self.how == "reset"))
+        return b""
+
+    def tries(self, value=None):
+        return [r for r in self.plc.writes() if self.meets(r) and (value is None or value in r.values)]
+
+    def reads_on(self, value):
+        self.plc.holding[0] = value
+        self.ioc.wait_value("in", value)
+
+    def nothing_waits(self):
+        self.ioc.process_record("waiting")
+        return self.ioc.get("waiting") == 0
+
+    def ended(self, name, reason):
+        """The put is through: its record has its alarm, is not active, and stays so."""
+        self.ioc.wait_alarm(name, "INVALID", "WRITE", reason)
+        assert self.ioc.get(name + ".PACT") == 0
+        until(self.nothing_waits, "no put that waits")
+
+    def good(self, name, value, at):
+        self.ioc.put(name, value)
+        until_equal(lambda: self.plc.holding[BASE + at], value)
+        self.ioc.wait_alarm(name, "NO_ALARM")
+
+
+REASONS = {"mute": "no answer for 200 ms", "echo": "bad answer", "close": "closed by PLC", "reset": "reset by PLC"}
+
+
+@pytest.mark.parametrize("how", REASONS)
+@pytest.mark.parametrize("complete", ["acknowledged", "sent"])
+def test_one_register(new_modbus, new_ioc, how, complete):
+    """{how} in place of the answer to one write, complete={complete}: it is made once more after the reconnect, then it ends with its alarm; the station goes on"""
+    d = Device(new_modbus, new_ioc, f"complete {complete}", "readPeriod 50", how=how)
+    plc, ioc = d.plc, d.ioc
+    ioc.connect(["o5.PACT", "losses"])
+    done = ioc.put_callback("o5", 7)
+    until(done.is_set, "the end of the put")
+    ioc.put("o6", 8)
+    ioc.put("k1", 1)
+    until_equal(lambda: (plc.holding[BASE + 6], plc.coils[COILS + 1]), (8, True))
+    d.ended("o5", REASONS[how])
+    assert ioc.get("n5") == 1  # its forward link ran, once
+    tries, losses = len(d.tries()), ioc.get("losses")
+    # a request that is answered by a close is made twice
+    assert 2 <= tries <= (4 if how in ("close", "reset") else 2) and losses <= 2, (tries, losses)
+    for value in 1, 2, 3:
+        d.reads_on(value)
+    d.good("o6", 9, 6)
+    assert len(d.tries()) == tries and ioc.get("losses") == losses
+    d.ended("o5", REASONS[how])
+    assert ioc.log_count("write of holding 205: ") == 1 and ioc.log_count("not tried again") == 1, ioc.log
+    assert [line for line in errors_in(ioc.log) if REASONS[how] in line], ioc.log
+    # the device loses power: what it did not take is not put again
+    plc.power_off()
+    ioc.wait_alarm("in", "INVALID")
+    plc.holding[BASE + 6] = 0
+    plc.power_on()
+    until_equal(lambda: plc.holding[BASE + 6], 9)
+    assert len(d.tries()) == tries
+    # it answers again
+    d.bad = lambda request: False
+    d.good("o5", 10, 5)
+
+
+@pytest.mark.parametrize("how", REASONS)
+def test_put_again_and_again(new_modbus, new_ioc, how):
+    """{how} for a register that is put again: each put is tried once, and ends with its alarm"""
+    d = Device(new_modbus, new_ioc, "readPeriod 50", how=how)
+    d.ioc.put("o5", 1)
+    d.ended("o5", REASONS[how])
+    before = len(d.tries())
+    for value in range(2, 5):
+        d.ioc.put("o5", value)
+        d.ended("o5", REASONS[how])
+        assert d.ioc.get("n5") == value
+    assert len(d.tries()) - before == 3 * (2 if how in ("close", "reset") else 1)
+    if how == "mute":  # that is known by now: the connection stays
+        assert d.ioc.get("losses") == 1
+    assert d.ioc.log_count("write of holding 205: ") == 1, d.ioc.log
+
+
+def test_neighbours(new_modbus, new_ioc):
+    """20 neighbours in one request, of which one register is never answered: the 19 others are written"""
+    d = Device(new_modbus, new_ioc, "readPeriod 50", "complete sent", inputs=False)
+    plc, ioc = d.plc, d.ioc
+    ioc.connect([f"o{i}" for i in range(20)])
+    plc.answering.clear()
+    until(lambda: plc.held, "a request on its way")
+    for i in range(20):
+        ioc.put(f"o{i}", 100 + i)
+    plc.answering.set()
+    d.ended("o5", "no answer for 200 ms")
+    assert [plc.holding[BASE + i] for i in range(20)] == [0 if i == BAD else 100 + i for i in range(20)]
+    assert [i for i in range(20) if ioc.severity(f"o{i}") != "NO_ALARM"] == [BAD]
+    assert ioc.get("losses") == 1
+
+
+def test_no_write_at_all(new_modbus, new_ioc):
+    """a device that answers reads and no write: all puts end, reads go on, requests are bounded"""
+    d = Device(new_modbus, new_ioc, "readPeriod 50", "complete sent", bad=lambda request: True)
+    plc, ioc = d.plc, d.ioc
+    ioc.connect([f"o{i}" for i in range(20)])
+    plc.answering.clear()
+    until(lambda: plc.held, "a request on its way")
+    for i in range(20):
+        ioc.put(f"o{i}", 100 + i)
+    plc.answering.set()
+    for i in range(20):
+        d.ended(f"o{i}", "no answer for 200 ms")
+    d.reads_on(7)
+    tries = len(d.tries())
+    assert tries < 20 and ioc.get("losses") == 1, tries
+    d.reads_on(8)
+    assert len(d.tries()) == tries
+    assert not any(r.writes for r in plc.since(plc.mark() - 5)) and not any(plc.holding[BASE:BASE + 20])
+
+
+@pytest.mark.parametrize("single", ["on", "off"])
+@pytest.mark.parametrize("name,bad", [("pulse", "coil"), ("bit", "register")])
+def test_bits(new_modbus, new_ioc, single, name, bad):
+    """a {bad}'s bit that is never answered, singleWrite={single}: it ends, others go on"""
+    meets = {"coil": lambda r: r.table == "coils" and COILS in r.addresses(),
+             "register": lambda r: r.table == "holding" and BASE + BAD in r.addresses()}[bad]
+    d = Device(new_modbus, new_ioc, "readPeriod 50", f"singleWrite {single}", bad=meets)
+    d.ioc.put(name, 1)
+    d.ioc.wait_alarm(name, "INVALID", "WRITE", "no answer for 200 ms")
+    d.good("o7", 3, 7)
+    d.ioc.put("k3", 1)
+    until_equal(lambda: d.plc.coils[COILS + 3], True)
+    until(d.nothing_waits, "no put that waits")
+    d.reads_on(5)
+    functions = {"coil": (5 if single == "on" else 15), "register": 22}[bad]
+    assert {r.function for r in d.tries()} == {functions} and len(d.tries()) <= 3  # ON, and OFF of the pulse
+    assert d.ioc.get("losses") == 1
+
+
+def test_order_behind(new_modbus, new_ioc):
+    """puts behind one that is never answered leave in their order, with writes=all each of them"""
+    d = Device(new_modbus, new_ioc, "readPeriod 50", "writes all", "complete sent")
+    ioc = d.ioc
+    ioc.put("o5", 1)
+    d.ended("o5", "no answer")
+    mark = d.plc.mark()
+    d.plc.answering.clear()
+    until(lambda: d.plc.held, "a request on its way")
+    for name, value in ("o9", 1), ("o5", 2), ("o9", 2), ("k2", 1), ("o1", 3), ("o5", 3), ("o9", 3), ("k2", 0):
+        ioc.put(name, value)
+    d.plc.answering.set()
+    until(d.nothing_waits, "no put that waits")
+    found = [(r.table, r.start, int(r.values[0])) for r in d.plc.writes(mark)]
+    assert found == [("holding", 209, 1), ("holding", 205, 2), ("holding", 209, 2), ("coils", 402, 1),
+                     ("holding", 201, 3), ("holding", 205, 3), ("holding", 209, 3), ("coils", 402, 0)]
+    assert ioc.get("losses") == 1
+
+
+def test_with_track(new_modbus, new_ioc):
+    """with track=on the record goes back to what the device holds"""
+    d = Device(new_modbus, new_ioc, "readPeriod 50", "track on")
+    d.plc.holding[BASE + BAD] = 33
+    d.ioc.wait_value("o5", 33)
+    d.ioc.put("o5", 7)
+    d.ioc.wait_value("o5", 33)
+    d.good("o6", 8, 6)
+    d.ioc.put("o5", 8)  # now it is known: no reconnect
+    d.ended("o5", "no answer")
+    d.ioc.wait_value("o5", 33)
+    assert d.ioc.get("losses") == 1 and len(d.tries()) <= 3
+
+
+@pytest.mark.parametrize("how", ["mute", "echo"])
+def test_heartbeat(new_modbus, new_ioc, how):
+    """{how} for the heartbeat register: it is counted once more after the reconnect, then once a minute; the station goes on"""
+    d = Device(new_modbus, new_ioc, "readPeriod 50", "heartbeat 50", f"heartbeatRegister {BASE + BAD}", how=how)
+    d.ioc.wait_log("heartbeat register 205: ")
+    d.good("o6", 8, 6)
+    tries, losses = len(d.tries()), d.ioc.get("losses")
+    assert tries == 2 and losses <= 2
+    for value in range(1, 6):
+        d.reads_on(value)
+    d.plc.wait_requests(100)
+    assert len(d.tries()) == tries and d.ioc.get("losses") == losses
+    assert d.ioc.log_count("heartbeat register") == 1 and "tried once a minute" in d.ioc.log
+
+
+@pytest.mark.parametrize("how", ["mute", "echo"])
+def test_carried_out(new_modbus, new_ioc, how):
+    """{how}, but the device has carried it out: the alarm ends when that is seen"""
+    d = Device(new_modbus, new_ioc, "readPeriod 50", how=how)
+    d.plc.judge = lambda request: 0
+    d.ioc.put("o5", 7)
+    until(d.nothing_waits, "no put that waits")
+    d.ioc.wait_alarm("o5", "NO_ALARM")
+    assert d.plc.holding[BASE + BAD] == 7 and len(d.tries()) == 2
+
+
+def test_second_try(new_modbus, new_ioc):
+    """a write that is answered at its repetition, after the reconnect: the alarm ends by itself"""
+    d = Device(new_modbus, new_ioc, "readPeriod 0")
+    d.bad = lambda request: request.connection == 1 and BASE + BAD in request.addresses()
+    d.ioc.put("o5", 7)
+    until_equal(lambda: d.plc.holding[BASE + BAD], 7)
+    d.ioc.wait_alarm("o5", "NO_ALARM")
+    assert len(d.tries()) == 1 and len(d.plc.writes()) == 2 and "not tried again" not in d.ioc.log
