@@ -128,6 +128,13 @@ static double *pulseBo(dbCommon *common)
     return &((boRecord *)common)->high;
 }
 
+static int pulseEndsBo(const dbCommon *common)
+{
+    const boRecord *prec = (const boRecord *)common;
+
+    return prec->high > 0 && !prec->val && !prec->putf;
+}
+
 static long writeMbbo(dbCommon *common)
 {
     eipNumber number = devEipSigned(((mbboRecord *)common)->rval);
@@ -315,7 +322,8 @@ static int resolveAao(dbCommon *common, devRecord *dev, const char *text, plcLin
 const devSupport devEipAo = OUTPUT("ao", 2, devEipNumber, writeAo, followAo, .pulse = NULL);
 const devSupport devEipCalcout =
     OUTPUT("calcout", 0, devEipNumber, writeCalcout, followCalcout, .delays = delaysCalcout);
-const devSupport devEipBo = OUTPUT("bo", 2, resolveBo, writeBo, followBo, .pulse = pulseBo);
+const devSupport devEipBo = OUTPUT("bo", 2, resolveBo, writeBo, followBo, .pulse = pulseBo,
+                                   .pulseEnds = pulseEndsBo);
 const devSupport devEipMbbo = OUTPUT("mbbo", 2, devEipBits, writeMbbo, followMbbo, .pulse = NULL);
 const devSupport devEipMbboDirect =
     OUTPUT("mbboDirect", 2, devEipBits, writeMbboDirect, followMbboDirect, .pulse = NULL);

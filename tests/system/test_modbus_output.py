@@ -1066,6 +1066,105 @@ def test_completion_link(new_station):
     assert s.register(10) == 78
 
 
+LINKED = 'record(longout, "$(P)o0") { field(DTYP, "S7plc") field(OUT, "@PLC/0") field(FLNK, "$(P)n") }\n' \
+         'record(bo, "$(P)b") { field(DTYP, "S7plc") field(OUT, "@PLC/8 T=WORD B=0") field(HIGH, "0.05") field(FLNK, "$(P)n") }\n' \
+         'record(calc, "$(P)n") { field(CALC, "VAL+1") }'
+
+
+@pytest.mark.parametrize("name,link", [("o0", "@PLC/20"), ("b", "@PLC/20 T=WORD B=3")])
+@pytest.mark.parametrize("sent", [False, True])
+def test_link_change_ends_put(new_station, name, link, sent):
+    """a link changes while a put waits (on its way: {sent}): the put ends with an alarm and a line, FLNK runs, nothing of it leaves later"""
+    s = new_station(LINKED, "readPeriod 20", f"requestTimeout {2000 if sent else 30000}", complete="acknowledged",
+                    registers=20)
+    plc, ioc = s.plc, s.ioc
+    ioc.connect([name, name + ".PACT", name + ".UDF", "n"])
+    if sent:  # it gets no answer
+        plc.mangle = lambda request, frame: b"" if request.writes and request.start != 110 else frame
+    else:
+        plc.answering.clear()
+        until(lambda: plc.held, "a request on its way")
+    done = ioc.put_callback(name, 1)
+    until_equal(lambda: ioc.get(name + ".PACT"), 1)
+    if sent:
+        until(lambda: s.writes(), "the put on its way")
+    mark = plc.mark()
+    ioc.put(name + ".OUT", link, wait=False)
+    until(done.is_set, "the end of the put")
+    ioc.wait_alarm(name, "INVALID", "WRITE", "link changed: value " + ("maybe written" if sent else "not written"))
+    assert (ioc.get(name + ".PACT"), ioc.get(name + ".UDF"), ioc.get("n")) == (0, 0, 1)
+    ioc.wait_log("the link has changed while its put waited for the PLC: the old place " +
+                 ("may have been written" if sent else "was not written"))
+    plc.answering.set()
+    ioc.put(name, 1)
+    until(lambda: s.register(10), "the new place")
+    ioc.wait_alarm(name, "NO_ALARM")
+    plc.power_off()
+    ioc.wait_alarm(name, "INVALID", ask=True)
+    plc.power_on()
+    ioc.wait_alarm(name, "NO_ALARM", ask=True)
+    assert {r.start - 100 for r in plc.writes(mark)} == {10}, plc.writes(mark)
+
+
+@pytest.mark.parametrize("complete", ["acknowledged", "sent"])
+@pytest.mark.parametrize("track", ["on", "off"])
+def test_refused_pulse(new_station, complete, track):
+    """the ON of a bo with HIGH is refused (complete={complete}, track={track}): OFF leaves all the same, the alarm of ON stays until the next put"""
+    s = new_station('record(bo, "$(P)b") { field(DTYP, "S7plc") field(OUT, "@PLC/8 T=WORD B=0") field(HIGH, "0.2") }',
+                    "readPeriod 20", f"track {track}", complete=complete, registers=20)
+    plc, ioc = s.plc, s.ioc
+    alarms = []
+    pv = epics.PV(ioc.P + "b", form="time", callback=lambda severity=None, **kw: alarms.append(severity))
+    assert pv.wait_for_connection(60)
+    plc.judge = lambda request: 3 if request.writes and request.values[1] & 1 else 0
+    ioc.put("b", 1)
+    ioc.wait_alarm("b", "INVALID", "WRITE")
+    alarms.clear()
+    until(lambda: any(not r.values[1] & 1 for r in s.writes()), "OFF")
+    plc.wait_requests(20)
+    assert ioc.alarm("b") == ("INVALID", "WRITE", "PLC: exception 3, illegal data value")
+    until_equal(lambda: ioc.get("b"), 0)
+    assert 0 not in alarms, alarms
+    plc.judge = lambda request: 0
+    ioc.put("b", 0)
+    ioc.wait_alarm("b", "NO_ALARM")
+    ioc.put("b", 1)
+    until_equal(lambda: (ioc.get("b"), s.register(4)), (0, 0))
+    ioc.wait_alarm("b", "NO_ALARM")
+    pv.disconnect()
+
+
+CUT = [  # record, its link and fields, what is put, what the PLC gets and the record shows
+    ("ao", "T=UINT32", 5e9, "I", 4294967295), ("ao", "T=UINT32", -1, "I", 0), ("ao", "T=INT16", 1e6, "h", 32767),
+    ("ao", "T=INT32", -1e12, "i", -2147483647), ("ao", "T=INT32", 1e12, "i", 2147483647),
+    ("ao", "T=UINT16 L=0 H=100", 150, "H", 100), ("ao", "T=UINT16", 3.7, "H", 4), ("ao", "T=REAL32", 0.1, "f", 0.1),
+    ("longout", "T=INT16", 70000, "h", 4464), ("longout", "T=UINT16", -1, "H", 65535), ("int64out", "T=INT32", 2**32 + 5, "i", 5),
+    ("longout", "T=UINT32", -1, "i", -1), ("stringout", "T=STRING L=4", "abcdef", "4s", "abcd"),
+    ("lso", "T=STRING L=4", "abcdef", "4s", "abcd"), ("ao", "T=BCD16", 12345, "H", 9999)]
+
+
+@pytest.mark.parametrize("complete", ["acknowledged", "sent"])
+@pytest.mark.parametrize("track", ["on", "off"])
+def test_what_does_not_fit(new_station, complete, track):
+    """a value that does not fit its type (complete={complete}): with track={track} the record shows what the PLC holds"""
+    size = {"lso": 'field(SIZV, "20")'}
+    db = "\n".join(f'record({kind}, "$(P)c{i}") {{ field(DTYP, "S7plc") field(OUT, "@PLC/{4 * i} {link}") {size.get(kind, "")} }}'
+                   for i, (kind, link, *_) in enumerate(CUT))
+    s = new_station(db, "readPeriod 20", f"track {track}", complete=complete, registers=2 * len(CUT))
+    ioc = s.ioc
+    for i, (kind, link, value, form, shown) in enumerate(CUT):
+        pv = f"c{i}.VAL$" if kind == "lso" else f"c{i}"
+        ioc.put(pv, value)
+        wanted = shown.encode() if form == "4s" else 0x9999 if "BCD" in link else pytest.approx(shown)
+        until_equal(lambda: struct.unpack(">" + form, s.holding.bytes(100 + 2 * i, struct.calcsize(form)))[0], wanted)
+        rounded = (kind, link) in (("ao", "T=UINT16"), ("ao", "T=REAL32"))  # as ever: only what is cut comes back
+        wanted = value if track == "off" or rounded else shown
+        until_equal(lambda: ioc.get(pv, as_string=True) if form == "4s" else ioc.get(pv), wanted)
+        s.plc.wait_requests(5)
+        assert (ioc.get(pv, as_string=True) if form == "4s" else ioc.get(pv)) == wanted, (kind, link)
+        assert ioc.severity(f"c{i}") == "NO_ALARM"
+
+
 def test_silent_server_does_not_chatter(new_modbus, new_ioc):
     """a server that accepts connections and answers nothing: outputConnected goes to 0 and stays there until it answers"""
     plc = new_modbus()

@@ -7,12 +7,8 @@
  */
 #include <stdlib.h>
 
-#include <callback.h>
-#include <cantProceed.h>
 #include <dbAccess.h>
 #include <dbLock.h>
-#include <dbNotify.h>
-#include <errlog.h>
 
 #include "devS7plc.h"
 
@@ -73,36 +69,43 @@ void devPutUpdate(plcStation *station)
 
 /* --- A record whose link changes while it waits -------------------------------------------
  *
- * Base itself makes it inactive when it gets its new link; but whoever put with a callback still
- * waits. */
+ * Its put ends here, with an alarm: whoever waits for it is told, forward links run, and nothing
+ * leaves for the old place any more. */
 
-static void endNotify(epicsCallback *callback)
+static const char *const ends[] = {
+    [plcPutNever] = "link changed: value not written",
+    [plcPutMaybe] = "link changed: value maybe written",
+};
+
+static void cancel(dbCommon *prec, devRecord *dev)
 {
-    dbCommon *prec;
+    epicsUInt8 mask[DEV_SCALAR];
+    plcPutFate fate =
+        plcStationCancel(dev->station, &dev->mark, dev->offset, dev->length, devMask(dev, mask));
 
-    callbackGetUser(prec, callback);
-    free(callback);
-    dbScanLock(prec);
-    if (!prec->pact && prec->ppn)
-        dbNotifyCompletion(prec);
-    dbScanUnlock(prec);
+    if (fate == plcPutThrough) /* its own answer has come meanwhile */
+        return;
+    dev->ends = ends[fate];
+    devWarn(prec, "the link has changed while its put waited for the PLC: the old place %s",
+            fate == plcPutNever ? "was not written" : "may have been written");
 }
 
 void devPutAbandon(devRecord *dev)
 {
     dbCommon *prec = dev->prec;
-    epicsCallback *callback;
+    const devSupport *support;
+    double *pulse, length;
 
     if (!dev->mark.number || !prec || !prec->pact)
         return;
+    support = devSupportOf(prec);
+    pulse = support->pulse ? support->pulse(prec) : NULL;
+    length = pulse ? *pulse : 0;
+    if (pulse)
+        *pulse = 0; /* the end of the pulse would go to the new place */
     devPutLeave(dev);
-    callback = callocMustSucceed(1, sizeof(*callback), "devPutAbandon");
-    callbackSetCallback(endNotify, callback);
-    callbackSetPriority(prec->prio, callback);
-    callbackSetUser(prec, callback);
-    if (callbackRequest(callback)) {
-        errlogSevPrintf(errlogMajor, "%s: its put callback is lost: the callback queue is full\n",
-                        prec->name);
-        free(callback);
-    }
+    cancel(prec, dev);
+    finish(prec);
+    if (pulse)
+        *pulse = length;
 }

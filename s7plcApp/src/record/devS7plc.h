@@ -88,11 +88,14 @@ typedef struct devRecord {
     int takes;         /* plcStationTakes when it followed last */
     int refused;       /* the write that runs was refused by the station */
     int back;          /* the PLC has refused the last put: the value went back */
+    int cut;           /* the last value did not fit: what is written is another one */
     /* outputs that are active until the PLC has taken or refused their put */
     plcPutMark mark; /* of the last put; number 0: the record does not wait */
+    const char *ends; /* with this alarm it ends, since its link changes; NULL: it does not */
     /* outputs whose value waits for the PLC, or was refused by it */
     epicsEnum16 raised; /* the record has this alarm for it (COMM, WRITE; 0: none), instead of */
     epicsEnum16 hiddenStatus, hiddenSeverity; /* this one */
+    char held[PLC_REASON_SIZE]; /* why the 1 of a pulse was refused, while its 0 is the last put */
     /* a wire that has links of its own */
     void *own; /* what its resolve has made, */
     void (*forget)(struct devRecord *dev); /* and what ends it; NULL: nothing */
@@ -130,6 +133,8 @@ typedef struct devSupport {
     int (*delays)(const dbCommon *prec);
     /* bo: the field HIGH, after which a 1 that was put is put back to 0. NULL: others. */
     double *(*pulse)(dbCommon *prec);
+    /* With pulse: 1 when the record itself puts the 0 at the end of a pulse, for all that is known. */
+    int (*pulseEnds)(const dbCommon *prec);
     /* Links of its own: from the text to the station, and to a place in an image (image,
      * faults, type, offset, length, order, mask). Returns 0 or -1 with *error. NULL:
      * "@PLC/offset ...". */
@@ -214,7 +219,7 @@ int devPutWait(dbCommon *prec, devRecord *dev);
 /* The record waits no longer. Returns 1 when it did. */
 int devPutLeave(devRecord *dev);
 
-/* The record leaves us while it may wait: whoever waits for its put is told. */
+/* The record leaves us while it may wait: its put ends. */
 void devPutAbandon(devRecord *dev);
 
 /* The PLC has answered, or is gone: records whose put is through process to their end. In a
@@ -228,6 +233,9 @@ long devAway(dbCommon *prec, devRecord *dev, const char *reason);
 /* The PLC has refused the last value of this place: raises WRITE_ALARM, which ends when it
  * has taken another. Returns -1; or 0 when it has not. */
 long devRefused(dbCommon *prec, devRecord *dev);
+
+/* Returns 1 and the reason when the PLC has refused the last value of this place, else 0. */
+int devIsRefused(const devRecord *dev, char reason[PLC_REASON_SIZE]);
 
 /* The PLC does not show this place: raises READ_ALARM, which ends when it does. Returns -1; or 0
  * when it shows it. */

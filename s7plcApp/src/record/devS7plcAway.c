@@ -20,7 +20,7 @@ static int isAway(devRecord *dev)
            (dev->shown && !plcStationTaken(dev->station));
 }
 
-static int isRefused(const devRecord *dev, char reason[PLC_REASON_SIZE])
+int devIsRefused(const devRecord *dev, char reason[PLC_REASON_SIZE])
 {
     epicsUInt8 mask[DEV_SCALAR];
 
@@ -55,7 +55,7 @@ long devRefused(dbCommon *prec, devRecord *dev)
 {
     char reason[PLC_REASON_SIZE];
 
-    return isRefused(dev, reason) ? raiseAlarm(prec, dev, WRITE_ALARM, reason) : 0;
+    return devIsRefused(dev, reason) ? raiseAlarm(prec, dev, WRITE_ALARM, reason) : 0;
 }
 
 long devUnseen(dbCommon *prec, devRecord *dev)
@@ -83,6 +83,8 @@ static void settle(dbCommon *prec, devRecord *dev, epicsEnum16 alarm, const char
     prec->nsev = dev->hiddenSeverity;
     if (alarm)
         raiseAlarm(prec, dev, alarm, reason);
+    else if (dev->held[0])
+        recGblSetSevrMsg(prec, WRITE_ALARM, INVALID_ALARM, "%s", dev->held);
     devStamp(prec); /* archivers drop what is older than what they have */
     if (recGblResetAlarms(prec))
         db_post_events(prec, NULL, DBE_ALARM);
@@ -102,7 +104,7 @@ static void update(dbCommon *prec, const plcStation *station)
             settle(prec, dev, COMM_ALARM, reason); /* it is away for another reason now */
         return;
     }
-    if (isRefused(dev, reason))
+    if (devIsRefused(dev, reason))
         alarm = WRITE_ALARM;
     else if (dev->unseen && dev->unseen(dev, reason))
         alarm = READ_ALARM;

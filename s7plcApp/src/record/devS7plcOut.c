@@ -56,12 +56,13 @@ static int prepareAo(dbCommon *common, devRecord *dev, const plcLink *link,
 
 /* Cuts a value to L..H. An L below the type is a point of the LINEAR scale: what is
  * written ends at the type. */
-static epicsInt64 clip(const devRecord *dev, double value)
+static epicsInt64 clip(devRecord *dev, double value)
 {
     epicsInt64 least = dev->type->low - (dev->type->kind == plcSigned);
 
     if (least < dev->low)
         least = dev->low;
+    dev->cut = value < (double)least || value > (double)dev->high;
     if (value <= (double)least)
         return least;
     if (value >= (double)dev->high)
@@ -97,7 +98,8 @@ static long storeReal(dbCommon *common, double value)
 static long writeAo(dbCommon *common)
 {
     aoRecord *prec = (aoRecord *)common;
-    const devRecord *dev = devOf(common);
+    devRecord *dev = devOf(common);
+    int far = prec->rval == INT32_HIGHEST || prec->rval == -INT32_HIGHEST - 1;
 
     if (!dev)
         return -1;
@@ -108,7 +110,7 @@ static long writeAo(dbCommon *common)
     }
     if (isnan(prec->oval))
         return devRefuseWrite(common, "NaN does not fit %s", dev->type->name);
-    if (dev->high > INT32_HIGHEST && prec->rval == INT32_HIGHEST)
+    if (far)
         return devStoreInt(common, clip(dev, devAoRaw(prec)), ALL_BITS);
     return devStoreInt(common, clip(dev, prec->rval), ALL_BITS);
 }
@@ -117,7 +119,7 @@ static long writeAo(dbCommon *common)
 static long writeCalcout(dbCommon *common)
 {
     double value = ((calcoutRecord *)common)->oval;
-    const devRecord *dev = devOf(common);
+    devRecord *dev = devOf(common);
 
     if (!dev)
         return -1;
@@ -198,15 +200,17 @@ static long writeInt64out(dbCommon *common)
 /* Writes the string, cut off or filled up with NULs. `size` bytes are the record's own. */
 static long storeString(dbCommon *common, const char *text, size_t size)
 {
-    const devRecord *dev = devOf(common);
+    devRecord *dev = devOf(common);
     const char *nul;
-    size_t length;
+    size_t length, head;
 
     if (!dev)
         return -1;
+    head = dev->type->kind == plcS7String ? PLC_S7STRING_HEAD : 0;
     nul = memchr(text, 0, size);
     length = nul ? (size_t)(nul - text) : size;
     plcPutText(dev->type, dev->buffer, dev->length, dev->order, text, length);
+    dev->cut = plcTextBytes(dev->order, length + head) > dev->length;
     return devStore(common, dev->buffer, NULL);
 }
 
@@ -300,6 +304,13 @@ static double *pulseBo(dbCommon *common)
     return &((boRecord *)common)->high;
 }
 
+static int pulseEndsBo(const dbCommon *common)
+{
+    const boRecord *prec = (const boRecord *)common;
+
+    return prec->high > 0 && !prec->val && !prec->putf;
+}
+
 /* The state whose value this is; without states the number itself. */
 static void followMbbo(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
 {
@@ -390,7 +401,8 @@ const devSupport devS7plcBo = {
     .common = DEV_DSET, .transfer = devWrite, .dtyp = "S7plc", .field = "OUT",
     .direction = devOut,
     .shape = {"bo", plcInteger, 8, plcHasB | plcHasR | plcHasW, "INT16"}, .initStatus = 2,
-    .prepare = prepareBo, .write = writeBo, .follow = followBo, .pulse = pulseBo};
+    .prepare = prepareBo, .write = writeBo, .follow = followBo, .pulse = pulseBo,
+    .pulseEnds = pulseEndsBo};
 const devSupport devS7plcMbbo = {
     .common = DEV_DSET, .transfer = devWrite, .dtyp = "S7plc", .field = "OUT",
     .direction = devOut, .shape = {"mbbo", plcInteger, 4, plcHasR | plcHasW, "INT16"},

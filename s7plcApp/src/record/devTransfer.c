@@ -108,16 +108,32 @@ long devStore(dbCommon *prec, const void *bytes, const void *mask)
 
 long devStoreInt(dbCommon *prec, epicsInt64 value, epicsUInt64 mask)
 {
-    const devRecord *dev = devOf(prec);
+    devRecord *dev = devOf(prec);
     epicsUInt8 bytes[DEV_SCALAR], bits[DEV_SCALAR];
 
     if (!dev)
         return -1;
     plcPutInt(dev->type, bytes, dev->order, value);
-    if (mask == ~(epicsUInt64)0)
+    if (mask == ~(epicsUInt64)0) {
+        dev->cut |= plcGetInt(dev->type, bytes, dev->order) != value;
         return devStore(prec, bytes, NULL);
+    }
     plcPutInt(dev->type, bits, dev->order, (epicsInt64)mask);
     return devStore(prec, bytes, bits);
+}
+
+/* The 1 of a pulse was refused, and its 0 was taken: that is no end of its alarm. */
+static long holdRefusal(dbCommon *prec, const devRecord *dev)
+{
+    return dev->held[0] ? devRefuseWrite(prec, "%s", dev->held) : 0;
+}
+
+/* With track=on a record shows what the PLC holds: so, too, where its value did not fit. */
+static void showCut(dbCommon *prec, devRecord *dev)
+{
+    if (dev->cut && dev->shown && plcStationTracks(dev->station))
+        devTakeValue(prec, dev);
+    dev->cut = 0;
 }
 
 /* The record that was active until now gets the alarm that the answer has brought. Without a
@@ -127,12 +143,30 @@ static long putEnds(dbCommon *prec, devRecord *dev, char reason[PLC_REASON_SIZE]
     if (!dev || !dev->station || !dev->mark.number)
         return 0;
     dev->mark.number = 0;
+    if (dev->ends)
+        return devRefuseWrite(prec, "%s", dev->ends);
+    holdRefusal(prec, dev);
     if (!plcStationOutputConnected(dev->station, reason))
         return devAway(prec, dev, reason);
-    if (!devRefused(prec, dev))
-        return 0;
-    devGoBack(prec, dev);
-    return -1;
+    if (devRefused(prec, dev)) {
+        devGoBack(prec, dev);
+        return -1;
+    }
+    showCut(prec, dev);
+    return dev->held[0] ? -1 : 0;
+}
+
+/* What the record knows of its last put is of no interest any more. */
+static void forgetPut(dbCommon *prec, devRecord *dev)
+{
+    const devSupport *support = devSupportOf(prec);
+
+    dev->refused = dev->cut = 0;
+    dev->mark.number = 0;
+    if (!support->pulseEnds || !support->pulseEnds(prec))
+        dev->held[0] = 0;
+    else if (!dev->held[0])
+        devIsRefused(dev, dev->held);
 }
 
 long devWrite(dbCommon *prec)
@@ -152,19 +186,21 @@ long devWrite(dbCommon *prec)
         dev->following = 0;
         plcClearMessage(prec);
         devTakeValue(prec, dev);
-        status = devRefused(prec, dev);
+        status = holdRefusal(prec, dev) || devRefused(prec, dev) ? -1 : 0;
         return status || dev->own ? status : devUnseen(prec, dev);
     }
-    if (dev) {
-        dev->refused = 0;
-        dev->mark.number = 0;
-    }
+    if (dev)
+        forgetPut(prec, dev);
     status = support->write(prec);
     if (dev && dev->mark.number) {
         if (!support->delays && devPutWait(prec, dev))
             return 0;
         status = devRefused(prec, dev);
     }
+    if (dev && holdRefusal(prec, dev))
+        status = -1;
+    if (dev && !status)
+        showCut(prec, dev);
     /* A refused put goes back to the PLC's value, when that is known. */
     if (dev && dev->refused && dev->shown && dev->known)
         devTakeValue(prec, dev);

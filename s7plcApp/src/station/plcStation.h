@@ -137,11 +137,18 @@ int plcStationPut(plcStation *station, size_t offset, size_t length, const void 
                   const void *mask, char reason[PLC_REASON_SIZE], int follows,
                   plcPutMark *mark);
 
+/* Option track is on. */
+int plcStationTracks(plcStation *station);
+
 /* Does the wire acknowledge puts? Then marks have numbers, unless complete=sent. */
 int plcStationAcknowledges(plcStation *station);
 
 /* 1 when the PLC has taken or refused the put, or the connection was lost since. */
 int plcStationThrough(plcStation *station, const plcPutMark *mark);
+
+/* The put with a number is to be made no more, and what becomes of it. */
+plcPutFate plcStationCancel(plcStation *station, const plcPutMark *mark, size_t offset,
+                            size_t length, const void *mask);
 
 /* through(station) is called in a callback thread when puts may be through, while somebody
  * waits for one (plcStationAwait with 1, until the same with -1; plcStationOnThrough first). */

@@ -116,6 +116,15 @@ int plcStationThrough(plcStation *s, const plcPutMark *mark)
            plcImagePutsThrough(s->out, NULL) >= mark->number;
 }
 
+plcPutFate plcStationCancel(plcStation *s, const plcPutMark *mark, size_t offset, size_t length,
+                            const void *mask)
+{
+    int lost = mark->losses != epicsAtomicGetIntT(&s->outLosses);
+    plcPutFate fate = plcImageCancel(s->out, mark->number, offset, length, mask);
+
+    return fate == plcPutNever && lost ? plcPutMaybe : fate;
+}
+
 static void throughNow(epicsCallback *callback)
 {
     plcStation *s;
@@ -174,14 +183,19 @@ void plcStationRemoveReadback(plcStation *s, const void *key)
     plcStationWake(s); /* was it the last one? then outputs need not wait for it */
 }
 
-int plcStationShowsOutputs(plcStation *s)
+int plcStationTracks(plcStation *s)
 {
     int track;
 
     epicsMutexMustLock(s->lock);
     track = s->options.track;
     epicsMutexUnlock(s->lock);
-    return s->shows && track;
+    return track;
+}
+
+int plcStationShowsOutputs(plcStation *s)
+{
+    return s->shows && plcStationTracks(s);
 }
 
 long plcStationMirror(plcStation *s)
