@@ -207,9 +207,14 @@ static int readBetween(plcModbus *m, const plcRequest *q)
 /* Writes, in parts where the PLC refuses the whole. Returns 0, or -1: session over. */
 static int writeOne(plcModbus *m, const plcRequest *request)
 {
-    plcRequest q = *request;
+    plcRequest q = *request, half[2];
     int status;
 
+    /* What had no good answer is written value by value, so that only the one to blame is given up. */
+    if (isInDoubt(m, &q) && m->session.muted < MUTED_MOST &&
+        plcPlanHalve(m->setup.outputs, m->setup.outputCount,
+                     m->session.knowsOut ? m->ownJoinedOut : NULL, &q, half))
+        return writeOne(m, &half[0]) || writeOne(m, &half[1]) ? -1 : 0;
     if (q.count > 1 && m->session.options.singleWrite &&
         m->session.noMultiple[plcWorkerIsBits(q.table)])
         return writeEach(m, &q);

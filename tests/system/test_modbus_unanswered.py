@@ -126,6 +126,18 @@ def test_put_again_and_again(new_modbus, new_ioc, how):
     assert d.ioc.log_count("write of holding 205: ") == 1, d.ioc.log
 
 
+@pytest.mark.parametrize("how", REASONS)
+def test_one_of_two(new_modbus, new_ioc, how):
+    """{how} for one register of two that leave in one request: the other one is written"""
+    d = Device(new_modbus, new_ioc, "readPeriod 50", "holdoff 100", how=how)
+    d.ioc.connect(["o5", "o6"])
+    for name, value in ("o5", 7), ("o6", 8):
+        d.ioc.put(name, value, wait=False)
+    until_equal(lambda: d.plc.holding[BASE + 6], 8)
+    d.ended("o5", REASONS[how])
+    d.ioc.wait_alarm("o6", "NO_ALARM")
+
+
 def test_neighbours(new_modbus, new_ioc):
     """20 neighbours in one request, of which one register is never answered: the 19 others are written"""
     d = Device(new_modbus, new_ioc, "readPeriod 50", "complete sent", inputs=False)

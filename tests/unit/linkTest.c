@@ -720,8 +720,6 @@ static const struct {
      "REAL64"                                                                                         },
     {&ai,       0,  "T=INT32 W=A0",          15,
      "W=A0 and W=0A are for texts, not INT32; allowed: W=high low ABCD CDAB BADC DCBA"},
-    {&ai,       0,  "T=BCD",                 7,
-     "T=TIME (BCD) does not fit ai; allowed: INT8 UINT8 INT16 UINT16 INT32 UINT32 REAL32 REAL64"         },
     {&ai,       0,  "T=TIME",                7,  ""                                                   },
     {&ai,       0,  "T=INT64",               7,  ""                                                   },
     {&ai,       0,  "L=1 T=QWORD",           11, ""                                                   },

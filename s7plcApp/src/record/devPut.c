@@ -98,6 +98,10 @@ void devPutAbandon(devRecord *dev)
 
     if (!dev->mark.number || !prec || !prec->pact)
         return;
+    if (plcStationStops(dev->station)) { /* the IOC ends: no link has changed */
+        devPutLeave(dev);
+        return;
+    }
     support = devSupportOf(prec);
     pulse = support->pulse ? support->pulse(prec) : NULL;
     length = pulse ? *pulse : 0;

@@ -140,6 +140,9 @@ int plcStationPut(plcStation *station, size_t offset, size_t length, const void 
 /* Option track is on. */
 int plcStationTracks(plcStation *station);
 
+/* The IOC ends: plcStationsStop was called. Any thread. */
+int plcStationStops(const plcStation *station);
+
 /* Does the wire acknowledge puts? Then marks have numbers, unless complete=sent. */
 int plcStationAcknowledges(plcStation *station);
 

@@ -183,6 +183,11 @@ void plcStationRemoveReadback(plcStation *s, const void *key)
     plcStationWake(s); /* was it the last one? then outputs need not wait for it */
 }
 
+int plcStationStops(const plcStation *s)
+{
+    return epicsAtomicGetIntT(&s->stop);
+}
+
 int plcStationTracks(plcStation *s)
 {
     int track;

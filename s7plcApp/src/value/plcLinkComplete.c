@@ -23,10 +23,7 @@ static int completeType(plcLink *link, const plcShape *shape, plcLinkError *erro
     }
     plcTypeList(shape->kinds, shape->maxSize, types, sizeof(types));
     return plcLinkFail(error, link->column.T, "T=%s does not fit %s; allowed: %s",
-                       !type                 ? shape->defaultType
-                       : type->kind == plcBcd ? "TIME (BCD)"
-                                              : type->name,
-                       shape->recordType, types);
+                       type ? type->name : shape->defaultType, shape->recordType, types);
 }
 
 /* The limits that hold when nothing is said. */
