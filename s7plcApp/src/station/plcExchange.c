@@ -165,10 +165,11 @@ void plcExchangeUp(plcStation *s)
     startWhenReady(s);
 }
 
-/* A number that grows when puts are through, or lost. */
+/* A number that grows when puts are through, or lost. Of those that were through when the news were
+ * fetched: what the PLC has said of them is known then, too. */
 static epicsUInt64 countThrough(plcStation *s)
 {
-    return plcImagePutsThrough(s->out, NULL) + (epicsUInt64)epicsAtomicGetIntT(&s->outLosses);
+    return s->exchange->through + (epicsUInt64)epicsAtomicGetIntT(&s->outLosses);
 }
 
 static void tellListener(plcStation *s)
@@ -467,6 +468,7 @@ int plcExchangeNews(plcStation *s, epicsUInt64 now, epicsUInt64 *wake,
     int byBlock;
     int others = x->sign && x->owners != plcOwnersChanges(s->owners);
 
+    x->through = plcImagePutsThrough(s->out, NULL);
     startWhenReady(s);
     if (others) /* what a record has left is of no interest any more */
         countRefused(s);

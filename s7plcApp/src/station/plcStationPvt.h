@@ -59,6 +59,7 @@ typedef struct plcExchange {
     char *lost;            /* and those that the PLC did not hold after that */
     int waiting;           /* the connection is up, the worker has not got it yet */
     int shown;             /* `output` is news that nobody has looked at yet */
+    epicsUInt64 through;   /* puts up to this one, when the news were fetched */
     epicsUInt64 ordered;   /* when the oldest put under way was made; 0: none is */
     epicsUInt64 told;      /* up to where all was through when that was last told */
     epicsUInt64 listenerTold; /* the same, to the listener */
