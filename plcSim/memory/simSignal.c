@@ -302,16 +302,16 @@ void simSignalWrite(const simMemory *mem, const simSignal *signal,
                     const simMoment *moment)
 {
     epicsUInt8 *p = signal->place.block->bytes + signal->place.offset;
-    size_t which;
+    double turn;
 
     switch (signal->shape->args) {
     case argPeriod:
         writeCounter(mem, signal, moment, p);
         break;
     case argTexts:
-        which =
-            (size_t)fmod(floor(moment->time / signal->period), (double)signal->textCount);
-        simPutText(&signal->type, p, signal->texts[which]);
+        turn = fmod(floor(moment->time / signal->period), (double)signal->textCount);
+        turn += turn < 0 ? (double)signal->textCount : 0; /* before its beginning */
+        simPutText(&signal->type, p, signal->texts[(size_t)turn]);
         break;
     case argOffset:
         if (signal->type.info->kind == simBcd)
