@@ -190,6 +190,7 @@ def test_bits(new_modbus, new_ioc, single, name, bad):
     d.reads_on(5)
     functions = {"coil": (5 if single == "on" else 15), "register": 22}[bad]
     assert {r.function for r in d.tries()} == {functions} and len(d.tries()) <= 3  # ON, and OFF of the pulse
+    d.ended(name, "no answer for 200 ms")  # also behind the OFF
     assert d.ioc.get("losses") == 1
 
 

@@ -79,6 +79,8 @@ static void settle(dbCommon *prec, devRecord *dev, epicsEnum16 alarm, const char
         dev->hiddenSeverity = prec->sevr;
     }
     plcClearMessage(prec);
+    if (dev->held[0] && dev->hiddenStatus == WRITE_ALARM) /* that of the pulse: it comes again below, */
+        dev->hiddenStatus = dev->hiddenSeverity = NO_ALARM; /* with its reason */
     prec->nsta = dev->hiddenStatus;
     prec->nsev = dev->hiddenSeverity;
     if (alarm)

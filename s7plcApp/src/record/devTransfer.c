@@ -145,7 +145,6 @@ static long putEnds(dbCommon *prec, devRecord *dev, char reason[PLC_REASON_SIZE]
     dev->mark.number = 0;
     if (dev->ends)
         return devRefuseWrite(prec, "%s", dev->ends);
-    holdRefusal(prec, dev);
     if (!plcStationOutputConnected(dev->station, reason))
         return devAway(prec, dev, reason);
     if (devRefused(prec, dev)) {
@@ -153,7 +152,7 @@ static long putEnds(dbCommon *prec, devRecord *dev, char reason[PLC_REASON_SIZE]
         return -1;
     }
     showCut(prec, dev);
-    return dev->held[0] ? -1 : 0;
+    return holdRefusal(prec, dev);
 }
 
 /* What the record knows of its last put is of no interest any more. */
@@ -186,7 +185,7 @@ long devWrite(dbCommon *prec)
         dev->following = 0;
         plcClearMessage(prec);
         devTakeValue(prec, dev);
-        status = holdRefusal(prec, dev) || devRefused(prec, dev) ? -1 : 0;
+        status = devRefused(prec, dev) || holdRefusal(prec, dev) ? -1 : 0;
         return status || dev->own ? status : devUnseen(prec, dev);
     }
     if (dev)
