@@ -151,6 +151,8 @@ def _numbers(map_, leaf, kind, number):
     for raw in points:
         if not low <= raw <= high:
             continue
+        if raw >= 2 ** 63 and record == "int64in" and kind.name == "ULINT" and not (leaf.tx or leaf.rx):
+            continue  # of a tag it is refused
         # a 64-bit number without sign shows its upper half as negative
         view = raw - 2 ** 64 if raw >= 2 ** 63 and record == "int64in" else raw
         put = str(view)
