@@ -75,7 +75,8 @@ static long readAi(dbCommon *common)
         prec->val = number.u.real;
         return 2;
     }
-    if (number.u.integer != (epicsInt32)number.u.integer)
+    if (number.u.integer != (epicsInt32)number.u.integer ||
+        (number.kind == eipUnsigned && number.u.integer < 0))
         return readLarge(prec, eipNumberReal(&number));
     prec->rval = (epicsInt32)number.u.integer;
     if (prec->udf)

@@ -208,10 +208,10 @@ static int readBetween(plcModbus *m, const plcRequest *q)
 static int writeOne(plcModbus *m, const plcRequest *request)
 {
     plcRequest q = *request, half[2];
-    int status;
+    int status, inDoubt = isInDoubt(m, &q);
 
     /* What had no good answer is written value by value, so that only the one to blame is given up. */
-    if (isInDoubt(m, &q) && m->session.muted < MUTED_MOST &&
+    if (inDoubt && m->session.muted < MUTED_MOST &&
         plcPlanHalve(m->setup.outputs, m->setup.outputCount,
                      m->session.knowsOut ? m->ownJoinedOut : NULL, &q, half))
         return writeOne(m, &half[0]) || writeOne(m, &half[1]) ? -1 : 0;
@@ -221,8 +221,8 @@ static int writeOne(plcModbus *m, const plcRequest *request)
     if (q.count == 1 && q.function != 22 && m->session.options.singleWrite)
         q.function = plcWorkerIsBits(q.table) ? 5 : 6;
     /* Late answers are known by their number. */
-    m->session.mayBeSilent = !m->session.options.rtu && !m->session.options.anyTransaction &&
-                             isInDoubt(m, &q);
+    m->session.mayBeSilent =
+        inDoubt && !m->session.options.rtu && !m->session.options.anyTransaction;
     status = q.function == 22 ? writeBits(m, &q) : writeWhole(m, &q);
     m->session.mayBeSilent = 0;
     if (status == PLC_WORKER_SILENT && readBetween(m, &q))

@@ -99,6 +99,17 @@ def test_bits_stay_bits(plant):
             plant.wait_tag(kind, str(2**64 - 1))
 
 
+def test_large_without_sign(plant):
+    """ai and ao on a ULINT, an LWORD show their largest values, rounded, and none below 0"""
+    plant.tags("tag U ULINT", "tag L LWORD")
+    plant.records(*(rec(kind, f"{kind}{tag}", f"{tag} S 0.02") for kind in ("ai", "ao") for tag in "UL"))
+    for value in 2**63, 2**64 - 2**32, 2**64 - 4096, 2**64 - 1:
+        for tag in "UL":
+            plant.set(tag, value)
+            for kind in "ai", "ao":
+                until_equal(lambda: plant.ioc.get(f"{kind}{tag}"), float(value))
+
+
 def test_real_edges(plant):
     """A REAL goes to integer records rounded, or they say what it is; NaN is no whole number, nor a state"""
     plant.tags("tag R REAL", "tag I INT = 3", "tag L LREAL")
@@ -275,6 +286,35 @@ def test_link_to_zero(plant):
     plant.ioc.put("l.INP", "@P A S 0.02")
     plant.ioc.wait_value("l", 6)
     assert 5 not in seen
+
+
+OUTPUTS = [("longout", [], 1, 2), ("ao", [], 1.0, 2.0), ("bo", ["ZNAM=0", "ONAM=1"], 1, 0), ("mbboDirect", ["NOBT=8"], 1, 2),
+           ("stringout", [], "one", "two"), ("aao", ["FTVL=LONG", "NELM=2"], [1, 1], [2, 2])]
+
+
+@pytest.mark.parametrize("kind,fields,first,second", OUTPUTS, ids=[row[0] for row in OUTPUTS])
+@pytest.mark.parametrize("before", ["@P A", "@nix A"])
+def test_output_joins(plant, kind, fields, first, second, before):
+    """An output whose link changes, from {before}, to a tag that another one has, shows its value and writes no other: {kind}"""
+    if kind == "stringout":
+        plant.tags('tag A STRING = "one"', 'tag B STRING = "two"')
+    elif kind == "aao":
+        plant.tags("tag A DINT[2] = 1 1", "tag B DINT[2] = 2 2")
+    else:
+        plant.tags("tag A DINT = 1", f"tag B DINT = {int(second)}")
+    link = (" B 0" if kind == "bo" else "") + " S 0.05"
+    plant.records(rec(kind, "o", "A" + link, *fields).replace("@P A", before),
+                  rec(kind, "other", "B" + link, *fields))
+    plant.ioc.wait_alarm("other", "NO_ALARM")
+    plant.ioc.wait_alarm("o", "INVALID" if "nix" in before else "NO_ALARM")
+    was = plant.tag("B")
+    plant.ioc.put("o.OUT", f"@P B{link}")
+    value = plant.ioc.text if kind == "stringout" else plant.ioc.plain
+    until_equal(lambda: value("o"), second)
+    plant.ioc.wait_alarm("o", "NO_ALARM")
+    plant.ioc.process_record("o")
+    until_equal(lambda: value("other"), second)
+    assert plant.tag("B") == was and plant.ioc.severity("o") == "NO_ALARM"
 
 
 def test_types_change(plant):

@@ -64,6 +64,15 @@ class Device:
         assert self.ioc.get(name + ".PACT") == 0
         until(self.nothing_waits, "no put that waits")
 
+    def put_together(self, count):
+        """100 and up into so many records, while a request waits for its answer: they leave together."""
+        self.ioc.connect([f"o{i}" for i in range(count)])
+        self.plc.answering.clear()
+        until(lambda: self.plc.held, "a request on its way")
+        for i in range(count):
+            self.ioc.put(f"o{i}", 100 + i)
+        self.plc.answering.set()
+
     def good(self, name, value, at):
         self.ioc.put(name, value)
         until_equal(lambda: self.plc.holding[BASE + at], value)
@@ -142,12 +151,7 @@ def test_neighbours(new_modbus, new_ioc):
     """20 neighbours in one request, of which one register is never answered: the 19 others are written"""
     d = Device(new_modbus, new_ioc, "readPeriod 50", "complete sent", inputs=False)
     plc, ioc = d.plc, d.ioc
-    ioc.connect([f"o{i}" for i in range(20)])
-    plc.answering.clear()
-    until(lambda: plc.held, "a request on its way")
-    for i in range(20):
-        ioc.put(f"o{i}", 100 + i)
-    plc.answering.set()
+    d.put_together(20)
     d.ended("o5", "no answer for 200 ms")
     assert [plc.holding[BASE + i] for i in range(20)] == [0 if i == BAD else 100 + i for i in range(20)]
     assert [i for i in range(20) if ioc.severity(f"o{i}") != "NO_ALARM"] == [BAD]
@@ -158,12 +162,7 @@ def test_no_write_at_all(new_modbus, new_ioc):
     """a device that answers reads and no write: all puts end, reads go on, requests are bounded"""
     d = Device(new_modbus, new_ioc, "readPeriod 50", "complete sent", bad=lambda request: True)
     plc, ioc = d.plc, d.ioc
-    ioc.connect([f"o{i}" for i in range(20)])
-    plc.answering.clear()
-    until(lambda: plc.held, "a request on its way")
-    for i in range(20):
-        ioc.put(f"o{i}", 100 + i)
-    plc.answering.set()
+    d.put_together(20)
     for i in range(20):
         d.ended(f"o{i}", "no answer for 200 ms")
     d.reads_on(7)

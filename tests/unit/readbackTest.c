@@ -234,7 +234,7 @@ static void testOverlap(void)
 
 static void testNew(void)
 {
-    static const int first = 0, second = 0, third = 0;
+    static const int first = 0, second = 0, third = 0, fourth = 0;
 
     begin();
     plcReadbackNote(r, 0);
@@ -249,6 +249,11 @@ static void testNew(void)
            "a new place takes what the PLC shows");
     testOk(held(2) == 'P' && held(0) == 'a', "but not where a put came first");
     testOk(plcReadbackTakeNew(r, "xYz", NULL, out) == 0 && held(1) == 'y', "and once");
+    plcReadbackAdd(r, &fourth, 1, 1, 1, NULL);
+    testOk(plcReadbackTrack(r, "ayP", NULL, out, now, LIMIT, 1, NULL) == 1,
+           "a place that joins another one is told its value, which is no new one");
+    testOk(plcReadbackTrack(r, "ayP", NULL, out, now, LIMIT, 1, NULL) == 0, "once");
+    plcReadbackRemove(r, &fourth);
     plcReadbackRemove(r, &second);
     plcReadbackRemove(r, &third);
     testOk(plcReadbackCount(r) == 1 && plcReadbackTakeNew(r, "x", NULL, out) == 0, "none is left");
@@ -354,7 +359,7 @@ static void testSame(void)
 
 MAIN(readbackTest)
 {
-    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 3 + 4 + 5 + 1 + 3 + 3 + 6 + 6 + 3);
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 3 + 4 + 7 + 1 + 3 + 3 + 6 + 6 + 3);
     testSteps();
     testMasks();
     testOrder();

@@ -402,12 +402,12 @@ static int isDone(place *p, const epicsUInt8 *shown, int same, const look *l)
            isOver(p, l->takes, l->now, l->limit, l->through);
 }
 
-/* Returns 1 when the place took the PLC's value. */
+/* Returns 1 when the place took the PLC's value: another one, or its first. */
 static unsigned trackPlace(plcReadback *r, place *p, const epicsUInt8 *shown, plcImage *out,
                            const look *l)
 {
     plcWritten other = {.takes = l->takes};
-    int same;
+    int same, fresh = !p->taken;
 
     plcImagePeek(out, p->out, p->length, p->now);
     if (p->taken && !equal(p, p->now, p->ours)) { /* a place that overlaps took something, */
@@ -421,9 +421,9 @@ static unsigned trackPlace(plcReadback *r, place *p, const epicsUInt8 *shown, pl
     if (p->waits && isDone(p, shown, same, l))
         setWaits(r, p, 0);
     show(p, shown);
-    if (same || p->waits)
+    if (p->waits || (same && !fresh))
         return 0;
-    return take(r, p, shown, out);
+    return take(r, p, shown, out) || fresh;
 }
 
 unsigned plcReadbackTrack(plcReadback *r, const void *block, const void *hidden, plcImage *out,
