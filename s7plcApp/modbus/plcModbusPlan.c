@@ -93,10 +93,9 @@ static void choose(plan *p, const plcRange *ranges, unsigned count, plcTable tab
     qsort(p->ranges, p->count, sizeof(*p->ranges), byStart);
 }
 
-static plan begin(const plcRange *ranges, unsigned count, const epicsUInt8 *joined,
-                  plcLimits limits)
+static plan begin(const plcRange *ranges, unsigned count, const epicsUInt8 *joined)
 {
-    plan p = {.joined = joined, .limits = limits};
+    plan p = {.joined = joined};
     unsigned i;
 
     p.ranges = callocMustSucceed(count + 1, sizeof(*p.ranges), "plcModbusPlan");
@@ -176,20 +175,15 @@ static int cuts(const plan *p, unsigned address)
 static unsigned cutPlace(const plan *p, unsigned runStart, unsigned start, unsigned end,
                          unsigned max)
 {
-    unsigned place = start + max;
+    unsigned place = start + max, first = place, behind = place + 1;
 
-    while (place > start && cuts(p, place)) {
-        unsigned first = place, behind = place + 1;
-
-        while (first > runStart && place - first <= max && cuts(p, first))
-            first--;
-        while (behind < end && behind - first <= max && cuts(p, behind))
-            behind++;
-        if (behind - first > max)
-            return place;
-        place = first;
-    }
-    return place > start ? place : start + max;
+    if (!cuts(p, place))
+        return place;
+    while (first > runStart && place - first <= max && cuts(p, first))
+        first--;
+    while (behind < end && behind - first <= max && cuts(p, behind))
+        behind++;
+    return behind - first > max ? place : first; /* a value that fits begins behind `start` */
 }
 
 /* Requests for all of start to end - 1. */
@@ -224,9 +218,10 @@ static void planTable(plan *p)
 unsigned plcPlanReads(const plcRange *ranges, unsigned count, const epicsUInt8 *joined,
                       plcLimits limits, plcRequest **requests)
 {
-    plan p = begin(ranges, count, joined, limits);
+    plan p = begin(ranges, count, joined);
     unsigned i, j;
 
+    p.limits = limits;
     for (i = 0; i < count; i++) {
         for (j = 0; j < i; j++)
             if (ranges[j].table == ranges[i].table && ranges[j].unit == ranges[i].unit &&
@@ -295,9 +290,10 @@ unsigned plcPlanWrites(const plcRange *ranges, unsigned count, const epicsUInt8 
                        const epicsUInt8 *joined, plcLimits limits, int single,
                        plcRequest **requests)
 {
-    plan p = begin(ranges, count, joined, limits);
+    plan p = begin(ranges, count, joined);
     unsigned i, j;
 
+    p.limits = limits;
     for (i = 0; i < count; i++) {
         run r = {0, 0};
 
@@ -397,7 +393,7 @@ int plcPlanJoins(void *join, const plcPut *put)
 int plcPlanHalve(const plcRange *ranges, unsigned count, const epicsUInt8 *joined,
                  const plcRequest *request, plcRequest halves[2])
 {
-    plan p = begin(ranges, count, joined, (plcLimits){0, 0});
+    plan p = begin(ranges, count, joined);
     unsigned start = request->start, end = start + request->count;
     unsigned middle = start + request->count / 2, place = middle;
 
@@ -438,7 +434,7 @@ void plcPlanTorn(const plcRange *ranges, unsigned count, const epicsUInt8 *joine
     *head = *tail = 0;
     if (!joined)
         return;
-    p = begin(ranges, count, joined, (plcLimits){0, 0});
+    p = begin(ranges, count, joined);
     choose(&p, ranges, count, q->table, q->unit, q->period);
     p.bitsMaySplit = 1;
     while (*head < q->count && tears(&p, q->start + *head))

@@ -113,12 +113,9 @@ static void thinOut(plcPuts *p)
         before = (entry *)ellPrevious(&e->node);
         other = p->newest[e->offset];
         view = viewOf(e);
-        while (other && other != e && !samePlace(other, &view))
-            for (other = (entry *)ellPrevious(&other->node);
-                 other && other != e && other->offset != e->offset;
-                 other = (entry *)ellPrevious(&other->node))
-                ;
-        if (other && other != e) {
+        while (!samePlace(other, &view)) /* e at the latest */
+            other = (entry *)ellPrevious(&other->node);
+        if (other != e) {
             dropEntry(p, e);
             p->dropped++;
         }

@@ -228,7 +228,7 @@ static plcPointers *make(reading *r)
 
     table->size = HEAD + r->count * ROW;
     table->bytes = callocMustSucceed(1, table->size, "plcPointers");
-    table->names = callocMustSucceed(r->count + 1, sizeof(char *), "plcPointers");
+    table->names = callocMustSucceed(r->count, sizeof(char *), "plcPointers");
     for (rx = 0; rx < 2; rx++)
         for (i = 0; i < r->count; i++)
             if (r->rows[i].rx == rx)
