@@ -150,7 +150,8 @@ static void testReals(void)
 
 static void testStrings(void)
 {
-    epicsUInt8 raw[100];
+    epicsUInt8 raw[300];
+    char longText[256];
     const char *text;
     size_t n;
 
@@ -168,6 +169,11 @@ static void testStrings(void)
     testOk(eipTextPut(eipShortString, raw, 50, 0, "abc", 3) == 4 &&
                memcmp(raw, "\3abc", 4) == 0,
            "SHORT_STRING of one");
+    memset(longText, 'x', sizeof(longText));
+    testOk(eipTextPut(eipStringCode, raw, sizeof(raw), 0, longText, 256) == 258 &&
+               eipTextPut(eipShortString, raw, sizeof(raw), 0, longText, 256) == 0 &&
+               eipTextPut(eipShortString, raw, sizeof(raw), 0, longText, 255) == 256,
+           "256 characters go into a STRING D0, not into a SHORT_STRING");
     raw[0] = 83;
     testOk(!eipTextGet(eipStructureCode, raw, 86, &n), "a length beyond the bytes is none");
     raw[3] = 0x80;
@@ -458,6 +464,11 @@ static void testPack(void)
     testOk(eipPack(loads, 50, &limits, 0, bin) == 3, "50 arrays of 40 REAL: 3 messages");
     limits.room = 490;
     testOk(eipPack(loads, 50, &limits, 0, bin) == 25, "or 25 of 490 bytes");
+    limits.room = 100;
+    for (i = 0; i < 4; i++)
+        loads[i] = (eipLoad){10, i < 2 ? 38 : 52};
+    testOk(eipPack(loads, 4, &limits, 0, bin) == 2 && eipPack(loads, 4, &limits, 1, bin) == 3,
+           "answers of 38, 38, 52 and 52 bytes: the long ones first fill 2, in order 3");
     for (round = 0; round < 2000; round++) {
         unsigned count = 1 + randomBelow(200);
         int inOrder = round & 1;
@@ -638,6 +649,14 @@ static void testTemplates(void)
                                place.elements == members[i].elements &&
                                place.bit == members[i].bit)),
                "member \"%s\": %d, offset %u", members[i].path, status, place.offset);
+    }
+    {
+        static const char texts[] = "Odd;nEC\0X";
+
+        known.table[0x103] = templateOf("00 00 EE 00 00 00 00 00", texts, sizeof(texts), 0x103, 0,
+                                        4, 1);
+        testOk(eipMemberFind(&known, 0x103, "X", &place) == -1,
+               "a member of a type that is not known has no place");
     }
     eipTemplatesClear(&known);
     a.length = clean("04 00 04 00 00 00 2A 00 00 00 05 00 00 00 20 00 00 00"

@@ -395,6 +395,8 @@ static void testPaths(void)
 
     for (i = 0; i < COUNT(paths); i++)
         testOk(eipPathBytes(paths[i], 0) == 0, "\"%s\" has no path", paths[i]);
+    w = eipWriterOf(bytes, sizeof(bytes));
+    testOk(eipPathPut(&w, "a.", 0) == -1, "it is refused, as one that ends with a dot");
     w = eipWriterOf(bytes, 5);
     testOk(eipPathPut(&w, "abc", 0) == -1, "nor has a name for which there is no room");
     w = eipWriterOf(bytes, 6);

@@ -301,10 +301,14 @@ static void testFlood(void)
         arrive(&s, 2 + next(&seed) % 25 * 2, MS);
     used = s.used;
     testOk(used == 20, "no pause any more: whole blocks are held back until all ends (%d used)", (int)used);
+    for (i = 0; i < 10; i++)
+        arrive(&s, 2 + next(&seed) % 25 * 2, MS);
+    testOk(s.used > used && s.wrong == 0, "after 50 ms they are shown, wherever all ends (%d)",
+           (int)(s.used - used));
     for (i = 0; i < 200; i++)
         arrive(&s, 1 + next(&seed) % 50, MS);
     testOk(plcFramingJudge(s.framing) == plcFramingTrusted && s.wrong == 0 && s.used > used + 60,
-           "after 50 ms they are taken as they come (%d)", (int)(s.used - used));
+           "and taken as they come (%d)", (int)(s.used - used));
     arrive(&s, 64 - s.sent % 64, MS);
     used = s.used;
     for (i = 0; i < 20; i++)
@@ -370,6 +374,14 @@ static void testGuess(void)
         arrive(&s, 41 + (size_t)i * 7 % 50, 1000 * MS);
     testOk(plcFramingJudge(s.framing) == plcFramingWrong && plcFramingBurst(s.framing) == 0,
            "those of 16 end it: there is no block size");
+    plcFramingReset(s.framing);
+    s.sent = 0;
+    for (i = 0; i < 20; i++)
+        arrive(&s, 96, 1000 * MS);
+    for (i = 0; i < 17; i++)
+        arrive(&s, 10, 1000 * MS);
+    testOk(plcFramingJudge(s.framing) == plcFramingWrong && plcFramingBurst(s.framing) == 10,
+           "16 equal ones, not two blocks yet, end it as well: blocks are of their size");
     plcFramingDestroy(s.framing);
 }
 
@@ -377,7 +389,7 @@ MAIN(framingTest)
 {
     size_t i;
 
-    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 11 + 11 + framingSlipTests());
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 12 + 12 + framingSlipTests());
     for (i = 0; i < sizeof(rows) / sizeof(rows[0]); i++)
         testRow(i);
     testRandomPieces();

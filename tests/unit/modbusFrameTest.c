@@ -184,6 +184,7 @@ static const struct {
     {"the coil of the next number",            "78,2 104,1",                "nn" },
     {"the next register of another unit",      "78,2 84,2 86,2",            "nny"},
     {"a put outside of all ranges",            "120,2 0,2 2,2",             "nny"},
+    {"one outside of them between neighbours", "0,2 120,2 2,2",              "nnn"},
     {"a put over the end of one",              "78,4 78,2",                 "nn" },
 };
 

@@ -108,6 +108,9 @@ static const struct {
     {"holding 0a 1", 0, "range 1 \"holding 0a 1\": start \"0a\"; allowed: 0 to 65535"},
     {"holding 99999999999999999999999 1", 0,
      "range 1 \"holding 99999999999999999999999 1\": start \"99999999999999999999999\"; allowed: 0 to 65535"},
+    {"holding 0 0000000000000000000000000000000000000000000000000000000000000001x", 0,
+     "range 1 \"holding 0 00000000000000000000000000000000000000000000000000\": "
+     "count \"000000000000000000000000000000000000000000000000000000000000\"; allowed: 1 to 65536"},
     {"holding 0 0", 0, "range 1 \"holding 0 0\": count \"0\"; allowed: 1 to 65536"},
     {"holding 65535 2", 0, "range 1 \"holding 65535 2\": count \"2\"; allowed: 1 to 1"},
     {"holding 0 1 at", 0, "range 1 \"holding 0 1 at\": offset is missing; allowed: 0 to 16777216 bytes"},
@@ -775,6 +778,53 @@ static void testHalfOf(void)
            "8 coils are single bits");
 }
 
+/* --- Numbers longer than a request -------------------------------------------------------- */
+
+static const struct {
+    const char *what;
+    unsigned start, count, head, tail;
+} torn[] = {
+    {"from the first register to the last", 0,   310, 0,   0  },
+    {"the beginning of it",                 0,   125, 0,   115},
+    {"a part within it",                    125, 125, 125, 0  },
+    {"its end, and what is behind",         250, 60,  50,  0  },
+    {"its end alone",                       250, 50,  50,  0  },
+    {"what is behind it",                   300, 10,  0,   0  },
+    {"what is before it",                   0,   10,  0,   0  },
+    {"the first of it",                     10,  1,   0,   1  },
+};
+
+/* 10 registers, a number of 290, and 10 registers */
+static void testTorn(void)
+{
+    static const plcRange range = {plcHolding, 0, 310, 0, 0, 0};
+    epicsUInt8 joined[620];
+    plcRequest q = {3, plcHolding, 0, 0, 0, 0}, *requests;
+    unsigned i, made, head, tail;
+
+    for (i = 0; i < sizeof(joined); i++)
+        joined[i] = i >= 20 && i < 600 ? i > 20 : i % 2;
+    for (i = 0; i < COUNT(torn); i++) {
+        q.start = torn[i].start;
+        q.count = torn[i].count;
+        plcPlanTorn(&range, 1, joined, &q, &head, &tail);
+        testOk(head == torn[i].head && tail == torn[i].tail, "torn: %s: %u, %u", torn[i].what, head,
+               tail);
+        plcPlanTorn(&range, 1, NULL, &q, &head, &tail);
+        testOk(!head && !tail, "torn: %s: nothing where no values are known", torn[i].what);
+    }
+    for (i = 20; i < 600; i++)
+        joined[i] = i > 20 ? 2 : 0;
+    q.start = q.count = 125;
+    plcPlanTorn(&range, 1, joined, &q, &head, &tail);
+    testOk(!head && !tail, "torn: a text is not");
+    memset(joined, 1, sizeof(joined));
+    made = plcPlanReads(&range, 1, joined, standard, &requests);
+    testOk(made == 3 && requests[1].start == 125 && requests[2].start == 250,
+           "a value that begins at address 0 and needs three requests has three");
+    free(requests);
+}
+
 /* --- Pieces ----------------------------------------------------------------------- */
 
 static void testPieces(void)
@@ -819,7 +869,7 @@ static void testExceptions(void)
 
 MAIN(modbusPlanTest)
 {
-    testPlan(COUNT(texts) + COUNT(badTexts) + COUNT(reads) + COUNT(writes) + 27);
+    testPlan(COUNT(texts) + COUNT(badTexts) + COUNT(reads) + COUNT(writes) + 2 * COUNT(torn) + 29);
     testTexts();
     testBadTexts();
     testRandomTexts();
@@ -834,6 +884,7 @@ MAIN(modbusPlanTest)
     testRandomWrites(3000);
     testHalves(3000);
     testHalfOf();
+    testTorn();
     testPieces();
     testExceptions();
     return testDone();

@@ -80,6 +80,8 @@ static void testReset(void)
     testOk(s.scanLatency == 1 && s.scanLatencyMax == 2 && s.sendLatency == 3 &&
                s.sendLatencyMax == 4,
            "latencies: the last and the largest");
+    testOk(s.latencyHist[plcStatsBin(2)] == 1 && s.latencyHist[plcStatsBin(1)] == 1,
+           "each in its bin");
     plcStatsReset(&s);
     testOk(s.blocksIn == 0 && s.blocksOut == 0 && s.skipped == 0 && s.periods == 0 &&
                s.periodMean == 0 && s.scanLatencyMax == 0 && s.latencyHist[22] == 0,
@@ -90,7 +92,7 @@ static void testReset(void)
 
 MAIN(statsTest)
 {
-    testPlan((int)(sizeof(bins) / sizeof(bins[0])) + 12);
+    testPlan((int)(sizeof(bins) / sizeof(bins[0])) + 13);
     testBins();
     testPeriods();
     testReset();

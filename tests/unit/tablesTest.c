@@ -82,6 +82,7 @@ static const struct {
     {"the part is there: the next one",      plcMapDownload, plcTablesLoading, 20, {10, 1, 1, 0, 0, 0, 40, 6, 4}, 0, plcTablesLoading, plcTablesPart, "x"},
     {"the last part is there: COMMIT",       plcMapDownload, plcTablesLoading, 60, {10, 1, 1, 0, 0, 0, 70, 6, 4}, 0, plcTablesCommitting, plcTablesCommit, "x"},
     {"a part went astray: anew",             plcMapDownload, plcTablesLoading, 20, {10, 1, 1, 0, 0, 0, 33, 6, 4}, 0, plcTablesBeginning, plcTablesBegin, "table is being downloaded"},
+    {"it waits for the first part again: anew", plcMapDownload, plcTablesLoading, 20, {10, 1, 1, 0, 0, 0, 0, 6, 4}, 0, plcTablesBeginning, plcTablesBegin, "table is being downloaded"},
     {"a part is refused",                    plcMapDownload, plcTablesLoading, 20, {10, 1, 4, 21, 0, 0, 20, 6, 4}, 0, plcTablesRefused, 0, "a part is missing"},
     {"a part is refused for a reason that is not known", plcMapDownload, plcTablesLoading, 20, {10, 1, 4, 77, 0, 0, 20, 6, 4}, 0, plcTablesRefused, 0, "unknown error"},
     {"COMMIT came when it had dropped it: anew", plcMapDownload, plcTablesCommitting, 70, {10, 1, 4, 20, 0, 0, 70, 6, 4}, 0, plcTablesBeginning, plcTablesBegin, "table is being downloaded"},
@@ -119,7 +120,7 @@ static void singleEvents(void)
         plcTablesInit(&t, events[i].mode, ours, ourSize, OUT);
         t.state = events[i].before;
         t.done = (unsigned)events[i].done;
-        t.length = events[i].done == 60 ? 10 : 20;
+        t.length = events[i].before == plcTablesCommitting ? 0 : events[i].done == 60 ? 10 : 20;
         t.session = 6;
         t.plc.error = s.error;
         strcpy(t.reason, "x");
