@@ -11,12 +11,14 @@
 #include <sys/socket.h>
 
 #include <epicsAtomic.h>
+#include <epicsStdio.h>
 #include <epicsUnitTest.h>
 #include <errlog.h>
 #include <testMain.h>
 
 #include "plcBlocks.h"
 #include "plcStation.h"
+#include "plcStationPvt.h"
 #include "testTools.h"
 
 #define IN 16
@@ -546,20 +548,66 @@ static void testRefused(void)
 
 static void testBackoff(void)
 {
-    epicsUInt64 start = epicsMonotonicGet();
-    double seconds;
+    static const double wait[] = {0, 0.05, 0.1, 0.2, 0.4, 0.7, 0.7, 0.7, 0.7}; /* s */
+    enum { TRIES = sizeof(wait) / sizeof(wait[0]) };
+    double seconds, least = 1e9, sum = 0;
     plcStation *s;
-    int listener, fd = station(&s, &listener, NULL, NULL, 50), i;
+    int listener, fd = station(&s, &listener, NULL, NULL, 50), i, early = 0;
+    epicsUInt64 before = epicsMonotonicGet(), now;
 
-    for (i = 0; i < 7; i++) {
+    for (i = 0; i < TRIES; i++, before = now) {
         toolClose(fd);
         fd = toolAccept(listener);
+        now = epicsMonotonicGet();
+        seconds = (now - before) * 1e-9;
+        sum += seconds;
+        early += sum < 0.9 * wait[i];
+        if (wait[i] == 0.7 && seconds < least)
+            least = seconds;
     }
-    seconds = (epicsMonotonicGet() - start) * 1e-9;
-    testOk(seconds > 1.4, "a PLC that hangs up at once is tried slower and slower "
-           "(8 connections took %.1f s)", seconds);
+    testOk(sum > 3.5 && !early, "a PLC that hangs up at once is tried slower and slower "
+           "(%d connections took %.1f s)", TRIES + 1, sum);
+    testOk(least < 1.3, "but at least each 0.7 s (%.2f s)", least);
     testOk(blockArrives(s, fd, 3), "but never given up");
     end(fd, listener);
+}
+
+/* What the log has had of a PLC. */
+static struct {
+    int lines;
+    char more[200]; /* the line that tells what was left out */
+} logged;
+
+static void listenToLog(void *arg, const char *message)
+{
+    const char *line = strstr(message, "s7plc PLC: ");
+
+    if (!line)
+        return;
+    logged.lines++;
+    if (strstr(line, "more messages"))
+        epicsSnprintf(logged.more, sizeof(logged.more), "%s", line);
+}
+
+static void testLogLimit(void)
+{
+    plcStation *s = make("PLC", "", 0, IN, OUT, 60000, 50);
+    int i;
+
+    errlogFlush();
+    errlogAddListener(listenToLog, NULL);
+    for (i = 0; i < 30; i++)
+        plcStationLog(s, errlogMinor, "a line");
+    errlogFlush();
+    testOk(logged.lines == 20, "of 30 lines in a minute %d are in the log", logged.lines);
+    s->logRefill = 0; /* the minute is over */
+    plcStationLog(s, errlogMinor, "another");
+    errlogFlush();
+    testOk(logged.lines == 22 &&
+               strcmp(logged.more, "s7plc PLC: 10 more messages in the last minute\n") == 0,
+           "then what was left out is told: %.46s", logged.more);
+    errlogRemoveListeners(listenToLog, NULL);
+    plcStationsDestroy();
 }
 
 static void testMove(void)
@@ -1208,7 +1256,7 @@ static void testStuck(void)
 
 MAIN(stationTest)
 {
-    testPlan(135 + 7 + 1);
+    testPlan(138 + 7 + 1);
     eltc(0); /* the log is for people; here the test speaks */
     testFirstBlock();
     testClosed();
@@ -1225,6 +1273,7 @@ MAIN(stationTest)
     testClock();
     testRefused();
     testBackoff();
+    testLogLimit();
     testMove();
     testNoAddress();
     testUnknownHost();
