@@ -1,4 +1,5 @@
 """Many records, and a PLC that does not answer: nothing in the IOC waits for it."""
+import re
 import time
 
 import pytest
@@ -112,6 +113,10 @@ def test_hundred_stations(new_peer, new_ioc):
         ioc.wait_value(f"in{i}", i)
         ioc.put(f"out{i}", 1000 + i)
         peer.wait_block((1000 + i).to_bytes(4, "big"))
+    assert all(len(peer.connections) == 1 for peer in peers)
+    threads = [line for line in ioc.command("epicsThreadShowAll").splitlines() if re.match(r" *PLC\d+ ", line)]
+    assert len(threads) == 100, threads[:3]
+    assert 300 < ioc.descriptors() < 300 + 60  # three each, and those of an IOC
 
 
 def test_many_descriptors(new_peer, new_ioc):

@@ -174,6 +174,7 @@ def test_put_while_checking(pair_of):
     sim, ioc = pair_of()
     sim.command("refuse sync")
     wait_state(ioc, "checking")
+    assert ioc.severity("Sync") == "MINOR"
     for name, value in (("Speed", 5), ("Temp", 1), ("Pump", 0), ("Recipe", "no")):
         ioc.put(name, value)
         assert ioc.alarm(name) == ("INVALID", "WRITE", "not synchronised: PLC checks")
@@ -199,7 +200,7 @@ def test_local(pair_of):
     sim.command("hmi DB10.4 INT16 -7")
     wait_values(ioc, Speed=-7)
     until_equal(lambda: ioc.alarm("Speed")[0], "NO_ALARM")
-    assert ioc.text("Sync:Remote") == "LOCAL"
+    assert ioc.text("Sync:Remote") == "LOCAL" and ioc.severity("Sync") == "NO_ALARM"
     before = memory(sim)
     sim.command("remote")
     wait_synced(sim, ioc)
