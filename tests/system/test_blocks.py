@@ -195,6 +195,22 @@ def test_newest_of_a_backlog(new_peer, new_ioc):
     assert "skipped" in ioc.command("s7plcReport PLC")
 
 
+def test_out_size_0(new_peer, new_ioc):
+    """outSize 0: input goes on, nothing is ever sent, and an output has nowhere to go"""
+    peer = new_peer(4, 0)
+    ioc = new_ioc(peer.configure(send_interval=10) + "\ns7plcSetOption PLC heartbeat 20", """
+        record(longin, "$(P)in") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT32") field(SCAN, "I/O Intr") }
+        record(longout, "$(P)out") { field(DTYP, "S7plc") field(OUT, "@PLC/0 T=INT32") field(PINI, "YES") }
+        """)
+    peer.wait_connected()
+    for number in range(1, 20):
+        peer.send(struct.pack(">i", number))
+        ioc.wait_value("in", number)
+    ioc.put("out", 1)
+    assert ioc.alarm("out") == ("INVALID", "LINK", "the PLC has no output block")
+    assert not peer.connection.received
+
+
 def test_one_block_per_array(new_peer, new_ioc):
     """an array never mixes two blocks, however fast they come"""
     size = 20000

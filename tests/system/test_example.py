@@ -1,5 +1,8 @@
 """make demo, and the tutorial IOC of iocBoot/iocS7plc: each record and its read-back."""
 import os
+import pty
+import re
+import signal
 import subprocess
 
 import pytest
@@ -93,3 +96,33 @@ def test_no_error(example):
     log = example.log.lower()
     for word in ("error", "warning", "sevr=major", "sevr=minor", "fail"):
         assert word not in log, example.log
+
+
+def test_demo_in_a_terminal():
+    """make demo in a terminal ends in the shell of its IOC, which exit leaves"""
+    env = {k: v for k, v in os.environ.items() if not k.startswith("EPICS_C")}
+    ours, theirs = pty.openpty()
+    demo = subprocess.Popen([EXAMPLE / "demo"], stdin=theirs, stdout=theirs, stderr=theirs, env=env, start_new_session=True)
+    os.close(theirs)
+    os.set_blocking(ours, False)
+    seen = []
+
+    def shows(text):
+        try:
+            seen.append(os.read(ours, 65536).decode(errors="replace"))
+        except (BlockingIOError, OSError):
+            pass  # nothing yet, or the other end is closed
+        return re.search(text, "".join(seen))
+
+    try:
+        until(lambda: shows("Try here, in the IOC shell"), lambda: "".join(seen), 120)
+        os.write(ours, b"echo still-$(P)-here\n")
+        until(lambda: shows("still-s7:-here"), lambda: "".join(seen))
+        assert demo.poll() is None
+        os.write(ours, b"exit\n")
+        until(lambda: demo.poll() is not None or shows("$^"), lambda: "".join(seen))
+        assert demo.returncode == 0, "".join(seen)
+    finally:
+        if demo.poll() is None:
+            os.killpg(demo.pid, signal.SIGTERM)
+        os.close(ours)

@@ -1,4 +1,5 @@
 """The how-tos: what a reader would copy into files of his own works as it stands there."""
+import getpass
 import os
 import re
 import shlex
@@ -105,6 +106,35 @@ def test_access(tmp_path, new_ioc):
     assert "rror" not in ioc.log, ioc.log
     assert "SETPOINT" in ioc.command("asprules SETPOINT")
     assert not ioc.pv("Speed").write_access and ioc.pv("Speed").read_access
+
+
+@pytest.mark.parametrize("gate", ["Alive", "Sync:Remote"])
+def test_access_gate(tmp_path, new_sim, new_ioc, gate):
+    """an operator of the control room may put while {gate} is 1, and never move the PLC; anybody else may not"""
+    sim = new_sim("in = 48\nout = 48\nperiod = 50 ms\nsync = on\nrestarttime = 100 ms\n"
+                  "db 10 40\ntx P#DB10.DBX0.0 BYTE 40 -> 4\nrx 4 -> P#DB10.DBX0.0 BYTE 40\n")
+    record = block("access-security.md", "record(ao").replace("PUMP:", "$(P)").replace("/0 T=", "/4 T=").replace("R=32", "R=4")
+    ioc = new_ioc(f's7plcConfigure PUMP, 127.0.0.1, {sim.port}, 48, 48, 1, 500, 100\ns7plcSetOption PUMP sync on\n'
+                  f'asSetFilename "{tmp_path}/plant.acf"',
+                  record + record.replace("Speed", "Other").replace("SETPOINT", "ELSEWHERE"), start=False,
+                  templates=[(f, "P=$(P),PLC=PUMP") for f in ("s7plcStation.db", "s7plcSync.db", "s7plcStatus.template")])
+    rules = block("access-security.md", "UAG(operators)").replace("PUMP:PLC:Alive", ioc.P + gate)
+    rules = rules.replace("op1", getpass.getuser()).replace("console1", socket.gethostname())
+    # the same rules, for consoles at which we do not sit
+    elsewhere = rules[rules.index("ASG(SETPOINT)"):].replace("SETPOINT", "ELSEWHERE").replace("control", "nobody")
+    (tmp_path / "plant.acf").write_text(rules.replace("ASG(DEFAULT)", "HAG(nobody) {console3}\nASG(DEFAULT)") + elsewhere)
+    ioc.start()
+    ioc.wait_value("Sync", 3)
+    until(lambda: ioc.pv("Speed").write_access, "the right to put")
+    ioc.put("Speed", 5)
+    until(lambda: ioc.get("Speed") == 5 and ioc.severity("Speed") == "NO_ALARM", lambda: str(ioc.alarm("Speed")))
+    assert not ioc.pv("AddressSet").write_access and not ioc.pv("Other").write_access
+    away, back = ("unplug", "plug") if gate == "Alive" else ("local", "remote")
+    sim.command(away)
+    until(lambda: not ioc.pv("Speed").write_access, f"no right to put: {away}")
+    assert ioc.pv("Speed").read_access
+    sim.command(back)
+    until(lambda: ioc.pv("Speed").write_access, f"the right to put: {back}")
 
 
 def test_procserv(tmp_path, new_peer):

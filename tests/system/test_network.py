@@ -42,6 +42,22 @@ def test_unknown_host(new_ioc, new_peer):
     ioc.wait_value("in", 5)
 
 
+def test_late_name(need_root, new_ioc, new_peer, tmp_path):
+    """a host name that is known later only is asked for again: the IOC connects by itself"""
+    peer, hosts, resolv = new_peer(4, 0), tmp_path / "hosts", tmp_path / "resolv.conf"
+    hosts.write_text("127.0.0.1 localhost\n")
+    resolv.write_text("nameserver 127.0.0.1\noptions timeout:1 attempts:1\n")
+    ioc = new_ioc(f's7plcConfigure("PLC", "late-plc.invalid", {peer.port}, 4, 0, 1, 20000, 100)', IN,
+                  wrapper=["unshare", "-m", "sh", "-c", f'mount --bind {hosts} /etc/hosts && mount --bind {resolv} '
+                           '"$(readlink -f /etc/resolv.conf)" && exec "$@"', "sh"])
+    ioc.wait_alarm("in", "INVALID", "COMM", 'no address for host "late-plc.invalid"', ask=True)
+    with open(hosts, "a", encoding="ascii") as file:
+        file.write("127.0.0.1 late-plc.invalid\n")
+    peer.wait_connected()
+    peer.send(b"\0\0\0\x05")
+    ioc.wait_value("in", 5)
+
+
 class DeafNameServer:
     """Takes questions on 127.0.0.77, the address of no machine, and never answers."""
 

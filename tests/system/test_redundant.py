@@ -224,8 +224,10 @@ def test_unplug(new_pair, record):
     for i in range(PUTS):
         ioc.wait_value(f"A:rb{i}", 1000 + i)
     until_equal(lambda: ioc.text("A:BACKUP"), "plc-1st unlinked")
+    assert ioc.severity("A:BACKUP") == "MINOR"
     sim.command("plug 1")
     until_equal(lambda: ioc.text("A:BACKUP"), "plc-1st linked")
+    assert ioc.severity("A:BACKUP") == "NO_ALARM"
     assert ioc.get("A:SWITCHOVERS") == 1 and not seen.invalid()
 
 

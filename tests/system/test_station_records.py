@@ -152,6 +152,33 @@ def test_reason(load):
     assert ioc.text("LostTime").startswith("20")
 
 
+def test_macros(load):
+    """SEV is the severity of State, ASG and ASG_ORDER are the groups of what is read and of orders"""
+    sim, ioc = load(["s7plcStation.db"], ",SEV=MINOR,ASG=look,ASG_ORDER=order")
+    sim.command("unplug")
+    ioc.wait_alarm("State", "MINOR", "STATE")
+    orders = {name for name in (n[len(ioc.P):] for n in record_names(["s7plcStation.db"], {"P": ioc.P}))
+              if ioc.text(name + ".ASG") != "look"}
+    assert orders == {"Reset", "Send", "Live"}
+    assert {ioc.text(name + ".ASG") for name in orders} == {"order"}
+
+
+def test_archived():
+    """State, Reconnects and Jitter have info(archive, ...), and the how-tos count the records right"""
+    counts = {}
+    for file in ("s7plcStation.db", "s7plcStationSmall.db", "s7plcStatus.template"):
+        text = (TOP / "db" / file).read_text()
+        records = re.findall(r"^record\(.*?^}", text, re.M | re.S)
+        counts[file] = len(records)
+        if file == "s7plcStation.db":
+            archived = {re.search(r"N_(\w+)", record)[1] for record in records if "info(archive, " in record}
+    assert {"State", "Reconnects", "Jitter"} <= archived and len(archived) < counts["s7plcStation.db"] / 2
+    text = " ".join((TOP / "docs/howto/many-plcs.md").read_text().split())
+    assert abs(int(re.search(r"some (\d+) records a PLC", text)[1]) - counts["s7plcStation.db"]) < 5
+    for file in ("s7plcStationSmall.db", "s7plcStatus.template"):
+        assert f"`{file}` ({counts[file]}" in text, file
+
+
 def test_orders(load):
     """Reset sets the counters to 0, Send makes a block leave"""
     sim, ioc = load(["s7plcStation.db"])
@@ -198,3 +225,13 @@ def test_switched(new_sim, new_ioc):
     assert ioc.text("PRIMARY") == ioc.text("Primary") == "SECOND"
     ioc.process_record("SwitchSeen")
     ioc.wait_value("Pair", 2)
+    ioc.wait_alarm("Pair", "NO_ALARM")
+    sim.command("twoprimaries on")
+    ioc.wait_alarm("Pair", "MAJOR")
+    assert ioc.text("Pair") == "two PRIMARIES"
+    sim.command("twoprimaries off")
+    ioc.wait_alarm("Pair", "NO_ALARM")
+    for half in ("first", "second"):
+        sim.command(f"{half} unplug")
+    ioc.wait_alarm("Pair", "MAJOR")
+    assert ioc.text("Pair") == "no PRIMARY"

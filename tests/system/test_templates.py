@@ -46,6 +46,12 @@ def test_input(load, name):
     assert ioc.severity("N") == "NO_ALARM"
 
 
+def test_dead_bands(load):
+    """s7plcAnalogIn.template has the dead bands of its macros MDEL and ADEL"""
+    _, ioc = load("s7plcAnalogIn.template", "NAME=$(P)N,PLC=PLC,OFFS=4,MDEL=0.5,ADEL=2.5")
+    assert (ioc.get("N.MDEL"), ioc.get("N.ADEL")) == (0.5, 2.5)
+
+
 @pytest.mark.parametrize("name", OUTPUTS)
 def test_output(load, name):
     """{name}.template sends what is put"""

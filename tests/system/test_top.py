@@ -96,11 +96,11 @@ def test_without_asyn(built):
 
 
 def test_without_modbus(tmp_path, no_sanitizer):
-    """a build without libmodbus says so in one line, and its IOC knows no Modbus"""
+    """a build without libmodbus says so in one line, and its IOC knows no Modbus; without shared libraries, too"""
     tree = tmp_path / "tree"
     shutil.copytree(TOP, tree, ignore=shutil.ignore_patterns(
         "O.*", ".git", "bin", "lib", "dbd", "db", "include", "cfg", "tests", "iocBoot", "*.pyc"))
-    (tree / "configure/CONFIG_SITE.local").write_text("HAS_MODBUS = NO\n")
+    (tree / "configure/CONFIG_SITE.local").write_text("HAS_MODBUS = NO\nSHARED_LIBRARIES = NO\n")
     (tree / "configure/RELEASE.local").write_text(f"EPICS_BASE = {BASE}\n")
     said = ""
     for directory in ("configure", "s7plcApp", "phoenixRedundApp", "plcSim"):
@@ -110,6 +110,8 @@ def test_without_modbus(tmp_path, no_sanitizer):
     needs = subprocess.run(["ldd", *(tree / "bin" / ARCH).glob("*Ioc"), tree / "bin" / ARCH / "plcSim"],
                            text=True, stdout=subprocess.PIPE, check=True).stdout
     assert "libmodbus" not in needs
+    libraries = {file.name for file in (tree / "lib" / ARCH).iterdir()}
+    assert "libs7plc.a" in libraries and not [name for name in libraries if ".so" in name], libraries
     assert [line for line in said.splitlines() if "Modbus" in line] == [
         f"s7plcModbus left out for {ARCH} (PLCs over Modbus/TCP): libmodbus is not there "
         "(Debian: libmodbus-dev)"], run.stdout

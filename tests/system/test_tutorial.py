@@ -9,6 +9,7 @@ import pytest
 from client import TOP
 from docblocks import blocks
 from ioc import Ioc, errors_in
+from waiting import until
 
 TEXT = (TOP / "docs/tutorial.md").read_text()
 
@@ -53,6 +54,8 @@ def test_values(pump):
     ioc.put("Run", 1)
     ioc.wait_value("Run.SEVR", 0)
     assert "Speed" in ioc.command("s7plcShow PUMP out")
+    came_back = re.compile(r"^ +32 +44 b5 40 00 ", re.M | re.I)  # 1450 as REAL32
+    until(lambda: came_back.search(ioc.command("s7plcShow PUMP in")), lambda: ioc.command("s7plcShow PUMP in"))
     assert not errors_in(ioc.log) and "arning" not in ioc.log, ioc.log
 
 
@@ -75,10 +78,14 @@ def test_restart(pump):
     ioc = pump()
     ioc.wait_value("Speed.SEVR", 0)
     ioc.put("Speed", 1450)
+    ioc.put("Run", 1)
     ioc.command("s7plcSend PUMP")
     assert ioc.exit() == 0
+    assert pump.sim.command("get out 4.0").endswith("= 1")
     ioc = pump()
     ioc.wait_value("Speed", 1450)
+    ioc.wait_value("Run", 1)
+    assert pump.sim.command("get out 4.0").endswith("= 1")
 
 
 def test_display(pump):
