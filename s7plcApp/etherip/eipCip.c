@@ -200,6 +200,18 @@ const epicsUInt8 *eipMultipleTake(const eipAnswer *a, unsigned count, unsigned i
     return a->data + from;
 }
 
+int eipAnswerIsEnd(const eipAnswer *a)
+{
+    return (a->status == eipGeneral && a->extended == eipExtEnd) ||
+           (a->status == eipParameter && a->extended == eipExtRange);
+}
+
+int eipAnswerIsOtherType(const eipAnswer *a)
+{
+    return (a->status == eipGeneral && a->extended == eipExtType) ||
+           (a->status == eipParameter && a->extended == eipExtNotType);
+}
+
 /* --- The connection manager --------------------------------------------------------------- */
 
 static void putTimeout(eipWriter *w, unsigned ms)
@@ -350,6 +362,9 @@ static const struct {
     {0x15, 0,      "PLC got too many data"         },
     {0x16, 0,      "no such object"                },
     {0x1e, 0,      "one of several has failed"     },
+    {0x20, 0x8017, "is no array"                   },
+    {0x20, 0x8018, "index beyond the end"          },
+    {0x20, 0x8022, "tag has another type"          },
     {0x20, 0,      "parameter not valid"           },
     {0x26, 0,      "path size not valid"           },
     {0xff, 0x2104, "offset beyond the end"         },

@@ -37,6 +37,7 @@ enum {
     eipPartial = 0x06,
     eipNoService = 0x08,
     eipEmbedded = 0x1e, /* some of several services have failed */
+    eipParameter = 0x20,
     eipGeneral = 0xff
 };
 
@@ -49,6 +50,13 @@ enum {
     eipExtEnd = 0x2105,
     eipExtType = 0x2107,
     eipExtName = 0x210a
+};
+
+/* Extended status of Omron, beside eipParameter */
+enum {
+    eipExtNoArray = 0x8017, /* several elements of what is one */
+    eipExtRange = 0x8018,   /* more elements than there are */
+    eipExtNotType = 0x8022
 };
 
 typedef struct eipAnswer {
@@ -88,6 +96,11 @@ size_t eipObjectPath(epicsUInt8 path[12], unsigned class, unsigned instance,
 
 /* Takes an answer apart. Returns 0; or -1 when it is not whole, or not one to `service`. */
 int eipAnswerTake(const void *bytes, size_t length, unsigned service, eipAnswer *answer);
+
+/* Does a status say that there are not so many elements, or that the tag has another type? Each
+ * make of controller has words of its own. */
+int eipAnswerIsEnd(const eipAnswer *answer);
+int eipAnswerIsOtherType(const eipAnswer *answer);
 
 /* --- Several in one ----------------------------------------------------------------------- */
 

@@ -26,7 +26,9 @@ typedef struct eipClient {
     unsigned timeout; /* ms, for each answer */
     eipTemplates templates;
     epicsUInt8 *frame, *message;
-    char why[200];
+    char why[300];
+    char host[300];
+    int lost; /* no answer, or none that counts: eipClientReopen makes a new connection */
 } eipClient;
 
 /* NULL: no memory. */
@@ -36,6 +38,15 @@ void eipClientDestroy(eipClient *c);
 /* `host` is host[:port]. */
 int eipClientOpen(eipClient *c, const char *host);
 void eipClientClose(eipClient *c);
+
+/* Connects to the same host anew; what was known of types is forgotten. */
+int eipClientReopen(eipClient *c);
+
+/* Says why: it stands in client->why. */
+void eipClientWhy(eipClient *c, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
+
+/* The same, and is -1, which checkers of code do not see through variable arguments. */
+#define eipClientFail(c, ...) (eipClientWhy(c, __VA_ARGS__), -1)
 
 /* A message for eipClientAsk is put there. */
 eipWriter eipClientWriter(eipClient *c);
@@ -72,6 +83,19 @@ int eipClientList(eipClient *c, eipSymbolVisit *visit, void *arg);
 
 /* Prints those whose name matches the pattern (NULL: all), with their types. */
 int eipClientPrintList(eipClient *c, const char *pattern, FILE *file);
+
+/* The type of a tag or member without its last index, as it is listed, and its dimensions.
+ * eipNoList: the PLC has no list, or the connection is lost; eipNoTag: it is not in it. */
+typedef enum { eipTypeFound, eipNoList, eipNoTag } eipClientFound;
+eipClientFound eipClientTypeOf(eipClient *c, const char *base, unsigned *type,
+                               epicsUInt32 dimension[3]);
+
+/* "DINT[10]", "Motor" */
+const char *eipClientTypeText(eipClient *c, unsigned type, const epicsUInt32 *dimension, char *text,
+                              size_t size);
+
+/* Puts into client->why what was wrong with a tag of which `count` elements were refused. */
+void eipClientExplain(eipClient *c, const eipName *name, unsigned count, const eipAnswer *answer);
 
 /* The template of this id, from the PLC the first time; NULL: it has none. */
 const eipTemplate *eipClientTemplate(eipClient *c, unsigned id);

@@ -250,22 +250,23 @@ void eipNumberText(const eipType *type, const eipNumber *number, char *text, siz
 
 int eipNumberParse(const eipType *type, const char *text, eipNumber *number)
 {
+    const char *digits = text + strspn(text, " +-");
+    int base = digits[0] == '0' && tolower((unsigned char)digits[1]) == 'x' ? 16 : 10;
     epicsUInt64 bits;
 
     number->kind = type->kind;
     if (type->code == eipBool && epicsStrCaseCmp(text, "true") == 0)
-        number->u.integer = 1;
+        text = "1";
     else if (type->code == eipBool && epicsStrCaseCmp(text, "false") == 0)
-        number->u.integer = 0;
-    else if (type->kind == eipReal)
+        text = "0";
+    if (type->kind == eipReal)
         return epicsParseDouble(text, &number->u.real, NULL) ? -1 : 0;
-    else if (type->kind == eipSigned)
-        return epicsParseInt64(text, &number->u.integer, 0, NULL) ? -1 : 0;
-    else if (type->kind != eipUnsigned || strchr(text, '-') ||
-             epicsParseUInt64(text, &bits, 0, NULL))
+    if (type->kind == eipSigned)
+        return epicsParseInt64(text, &number->u.integer, base, NULL) ? -1 : 0;
+    if (type->kind != eipUnsigned || strchr(text, '-') ||
+        epicsParseUInt64(text, &bits, base, NULL) || (type->code == eipBool && bits > 1))
         return -1;
-    else
-        number->u.integer = (epicsInt64)bits;
+    number->u.integer = (epicsInt64)bits;
     return 0;
 }
 

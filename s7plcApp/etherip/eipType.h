@@ -80,7 +80,7 @@ double eipNumberReal(const eipNumber *number);
 /* As text: "-5", "0.1" (as short as the type allows), "1". */
 void eipNumberText(const eipType *type, const eipNumber *number, char *text, size_t size);
 
-/* From text: decimal, 0x..., and for BOOL true and false. Returns 0, or -1: it is none. */
+/* From text: decimal, 0x...; of a BOOL 0, 1, true and false. Returns 0, or -1: it is none. */
 int eipNumberParse(const eipType *type, const char *text, eipNumber *number);
 
 /* --- Strings ------------------------------------------------------------------------------ */

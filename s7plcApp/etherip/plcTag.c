@@ -1,5 +1,6 @@
 /* plcTag: lists, describes, reads, writes and watches the tags of a controller from the command
  * line, by EtherNet/IP. No IOC is needed. */
+#include <signal.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -12,19 +13,19 @@
 #include <epicsThread.h>
 #include <epicsTime.h>
 
-#include "eipClient.h"
+#include "plcTag.h"
 
 static const char usage[] =
     "usage: plcTag [options] host[:port] command\n"
     "\n"
     "  identify              which controller is it\n"
-    "  list [pattern]        names and types of its tags; pattern with * and ?\n"
+    "  list [pattern]        names and types of its tags; pattern with * and ?, in quotes\n"
     "  describe tag          type of a tag, and the members of its structure\n"
     "  read tag ...          values, each as tag=value\n"
     "  write tag value ...   one value, or as many as elements are written from there on\n"
-    "  watch tag ...         prints a tag when its value changes, until interrupted\n"
+    "  watch tag ...         prints a tag when its value changes, until ctrl-C\n"
     "\n"
-    "A tag is name, a.b[2].c, a[1,2], Program:Main.x or tag.5 (a bit).\n"
+    "A tag is name, a.b[2].c, a[1,2], Program:Main.x or tag.5 (a bit). Options stand before host.\n"
     "\n"
     "  -s slot     of the controller (0); -1: the address is that of the controller itself\n"
     "  -r route    instead of -s: port,link,port,link ..., as 1,6,18,10.0.0.4,1,0\n"
@@ -33,16 +34,18 @@ static const char usage[] =
     "  -w s        time between two reads of watch (1)\n"
     "  -c count    watch: so many reads (no end)\n"
     "  -u          open no connection in the controller\n"
-    "  -v          say what happens\n";
+    "  -v          say what happens\n"
+    "  -h          this text\n";
 
 static struct {
     const char *slot, *route;
     unsigned count, reads;
     int timeout, unconnected, verbose;
     double period;
-} option = {"0", NULL, 1, 0, 5000, 0, 0, 1.0};
+} option = {NULL, NULL, 1, 0, 5000, 0, 0, 1.0};
 
 static void stop(const char *format, ...) EPICS_PRINTF_STYLE(1, 2);
+static void wrong(const char *format, ...) EPICS_PRINTF_STYLE(1, 2);
 
 static void stop(const char *format, ...)
 {
@@ -56,10 +59,24 @@ static void stop(const char *format, ...)
     exit(1);
 }
 
+/* The command line is wrong. */
+static void wrong(const char *format, ...)
+{
+    va_list args;
+
+    fputs("plcTag: ", stderr);
+    va_start(args, format);
+    vfprintf(stderr, format, args);
+    va_end(args);
+    fputs("; plcTag -h says more\n", stderr);
+    exit(2);
+}
+
 /* --- Commands ------------------------------------------------------------------------------ */
 
 static int complain(const char *tag, const eipClient *c)
 {
+    fflush(stdout);
     fprintf(stderr, "plcTag: %s: %s\n", tag, c->why);
     return 1;
 }
@@ -86,10 +103,20 @@ static int doRead(eipClient *c, char **tags, int count)
 {
     int i, failed = 0;
 
-    for (i = 0; i < count; i++)
+    for (i = 0; i < count; i++) {
+        if (c->lost && eipClientReopen(c))
+            return complain(tags[i], c);
         failed |= readOne(c, tags[i]);
+    }
     return failed;
 }
+
+static int doWrite(eipClient *c, char **words, int count)
+{
+    return plcTagWrite(c, words[0], words + 1, count - 1) ? complain(words[0], c) : 0;
+}
+
+/* --- Watching -------------------------------------------------------------------------------- */
 
 /* What a tag of doWatch was the last time. */
 typedef struct watched {
@@ -97,17 +124,42 @@ typedef struct watched {
     size_t length;
 } watched;
 
+static volatile sig_atomic_t interrupted;
+
+static void interrupt(int number)
+{
+    (void)number;
+    interrupted = 1;
+}
+
+/* A signal does not end a sleep: so it is one of many short ones. */
+static void pauseFor(double seconds)
+{
+    epicsUInt64 end = epicsMonotonicGet() + (epicsUInt64)(seconds * 1e9), now;
+
+    while (!interrupted && (now = epicsMonotonicGet()) < end)
+        epicsThreadSleep(end - now > 50000000 ? 0.05 : (double)(end - now) / 1e9);
+}
+
+static const char *timeText(char *text, size_t size)
+{
+    epicsTimeStamp now;
+
+    epicsTimeGetCurrent(&now);
+    epicsTimeToStrftime(text, size, "%H:%M:%S.%03f", &now);
+    return text;
+}
+
 static int watchOne(eipClient *c, const char *tag, watched *last)
 {
     char stamp[40];
-    epicsTimeStamp now;
     eipValue v;
 
     if (eipValueInit(c, &v, tag))
-        return complain(tag, c);
+        return -1;
     if (eipClientRead(c, &v, option.count)) {
         eipValueFree(&v);
-        return complain(tag, c);
+        return -1;
     }
     if (!last->bytes || last->length != v.data.length ||
         memcmp(last->bytes, v.bytes, last->length)) {
@@ -115,9 +167,7 @@ static int watchOne(eipClient *c, const char *tag, watched *last)
         last->length = v.data.length;
         last->bytes = mallocMustSucceed(last->length + 1, "plcTag");
         memcpy(last->bytes, v.bytes, last->length);
-        epicsTimeGetCurrent(&now);
-        epicsTimeToStrftime(stamp, sizeof(stamp), "%H:%M:%S.%03f", &now);
-        printf("%s %s=", stamp, tag);
+        printf("%s %s=", timeText(stamp, sizeof(stamp)), tag);
         eipValuePrint(c, &v, stdout);
         putchar('\n');
         fflush(stdout);
@@ -126,149 +176,65 @@ static int watchOne(eipClient *c, const char *tag, watched *last)
     return 0;
 }
 
+static void tellWatch(const char *what, const char *why)
+{
+    char stamp[40];
+
+    fprintf(stderr, "%s plcTag: %s%s%s\n", timeText(stamp, sizeof(stamp)), what, *why ? ": " : "", why);
+}
+
+/* Reads all of them once. Returns 0; 1 after the error line of a tag that is refused; or -1: the
+ * connection is lost. */
+static int watchAll(eipClient *c, char **tags, int count, watched *last)
+{
+    int i;
+
+    for (i = 0; i < count; i++)
+        if (watchOne(c, tags[i], &last[i]))
+            return c->lost ? -1 : complain(tags[i], c);
+    return 0;
+}
+
+/* Goes on when the connection is lost, until a tag is refused, or ctrl-C. */
 static int doWatch(eipClient *c, char **tags, int count)
 {
     watched *last = callocMustSucceed((size_t)count, sizeof(*last), "plcTag");
     unsigned turn;
-    int i, failed = 0;
+    int i, status = 0;
 
-    for (turn = 0; !failed && (!option.reads || turn < option.reads); turn++) {
+    signal(SIGINT, interrupt);
+    signal(SIGTERM, interrupt);
+    for (turn = 0; status <= 0 && !interrupted && (!option.reads || turn < option.reads); turn++) {
+        int wasLost = status < 0;
+
         if (turn)
-            epicsThreadSleep(option.period);
-        for (i = 0; i < count && !failed; i++)
-            failed = watchOne(c, tags[i], &last[i]);
+            pauseFor(wasLost && option.period < 0.5 ? 0.5 : option.period);
+        if (interrupted)
+            break;
+        if (wasLost && eipClientReopen(c))
+            continue;
+        if (wasLost)
+            tellWatch("connected again", "");
+        status = watchAll(c, tags, count, last);
+        if (status < 0)
+            tellWatch("connection lost, trying again", c->why);
     }
     for (i = 0; i < count; i++)
         free(last[i].bytes);
     free(last);
-    return failed;
-}
-
-/* --- Writing ------------------------------------------------------------------------------- */
-
-/* The messages that write: put into w. Return 0, or -1 with c->why. */
-static int refuse(eipClient *c, const char *text, const char *type)
-{
-    epicsSnprintf(c->why, sizeof(c->why), "\"%.60s\" does not fit %s", text, type);
-    return -1;
-}
-
-/* More than one of them. */
-static int refuseSeveral(eipClient *c, const char *what)
-{
-    epicsSnprintf(c->why, sizeof(c->why), "several values for %s; allowed: one", what);
-    return -1;
-}
-
-static int refuseNumber(eipClient *c, const char *text, const eipType *type)
-{
-    unsigned bits = 8 * type->size - (type->kind == eipSigned);
-    epicsUInt64 high = ~(epicsUInt64)0 >> (64 - bits);
-    char what[100];
-
-    if (type->kind == eipReal)
-        epicsSnprintf(what, sizeof(what), "%s; allowed: a number", type->name);
-    else if (type->code == eipBool)
-        epicsSnprintf(what, sizeof(what), "%s; allowed: 0, 1, false, true", type->name);
-    else
-        epicsSnprintf(what, sizeof(what), "%s; allowed: %lld to %llu", type->name,
-                      type->kind == eipSigned ? -(long long)high - 1 : 0,
-                      (unsigned long long)high);
-    return refuse(c, text, what);
-}
-
-static int putBit(eipClient *c, eipWriter *w, const eipValue *v, const eipType *type,
-                  const char *text)
-{
-    epicsUInt64 bit = (epicsUInt64)1 << v->name.bit, on;
-
-    if (strcmp(text, "0") && strcmp(text, "1"))
-        return refuse(c, text, "a bit; allowed: 0 or 1");
-    on = text[0] == '1' ? bit : 0;
-    eipValuePath(w, &v->name, eipReadModifyWrite);
-    eipPut16(w, type->size);
-    eipPutUnsigned(w, type->size, on);
-    eipPutUnsigned(w, type->size, on | ~bit);
-    return 0;
-}
-
-static int putText(eipClient *c, eipWriter *w, const eipValue *v, const char *text)
-{
-    epicsUInt8 raw[70000];
-    size_t length = v->data.code == eipStructureCode ? v->data.length : strlen(text) + 2;
-
-    length = length > sizeof(raw) ? 0
-                                  : eipTextPut(v->data.code, raw, length,
-                                               v->characters, text, strlen(text));
-    if (!length)
-        return refuse(c, text, "the string");
-    eipValuePath(w, &v->name, eipWriteTag);
-    eipPut16(w, v->data.code);
-    if (v->data.code == eipStructureCode)
-        eipPut16(w, v->data.handle);
-    eipPut16(w, 1);
-    eipPutBytes(w, raw, length);
-    return 0;
-}
-
-static int putNumbers(eipClient *c, eipWriter *w, const eipValue *v, const eipType *type,
-                      char **words, int count)
-{
-    int i;
-
-    eipValuePath(w, &v->name, eipWriteTag);
-    eipPut16(w, type->code);
-    eipPut16(w, (unsigned)count);
-    for (i = 0; i < count; i++) {
-        epicsUInt8 raw[8];
-        eipNumber number;
-
-        if (eipNumberParse(type, words[i], &number) || eipNumberPut(type, raw, &number))
-            return refuseNumber(c, words[i], type);
-        eipPutBytes(w, raw, type->size);
+    if (status < 0) {
+        eipSocketClose(&c->socket); /* nobody is there to close the connection */
+        return 1;
     }
-    return w->full || w->n > c->connect.room ? refuse(c, "so many", "one message") : 0;
+    return status;
 }
 
-static int putValue(eipClient *c, eipWriter *w, const eipValue *v, char **words, int count)
-{
-    const eipType *type = eipTypeOf(v->data.code);
-
-    if (count > 1 && (v->name.bit >= 0 || !type->size))
-        return refuseSeveral(c, v->name.bit >= 0 ? "a bit" : "a string");
-    if (v->name.bit >= 0)
-        return putBit(c, w, v, type, words[0]);
-    if (v->data.code == eipStructureCode && !v->characters)
-        return refuse(c, words[0], "a structure; its members can be written");
-    if (!type->size)
-        return putText(c, w, v, words[0]);
-    return putNumbers(c, w, v, type, words, count);
-}
-
-/* The tag is read first: its type is needed. */
-static int doWrite(eipClient *c, char **words, int count)
-{
-    eipWriter w;
-    eipValue v;
-    int status;
-
-    if (eipValueInit(c, &v, words[0]))
-        return complain(words[0], c);
-    status = eipClientRead(c, &v, 1);
-    w = eipClientWriter(c);
-    if (!status)
-        status = putValue(c, &w, &v, words + 1, count - 1);
-    if (!status)
-        status = eipClientTell(c, &w);
-    eipValueFree(&v);
-    return status ? complain(words[0], c) : 0;
-}
-
-static int doIdentify(eipClient *c)
+static int doIdentify(eipClient *c, char **words, int count)
 {
     const eipIdentity *i = &c->connect.identity;
     char text[60];
 
+    (void)words, (void)count;
     if (!i->known)
         stop("the PLC does not say what it is");
     eipConnectText(&c->connect, text, sizeof(text));
@@ -277,6 +243,17 @@ static int doIdentify(eipClient *c)
            i->name, i->major, i->minor, i->vendor, i->type, i->code, i->serial, i->status,
            text);
     return 0;
+}
+
+static int doList(eipClient *c, char **words, int count)
+{
+    return eipClientPrintList(c, count ? words[0] : NULL, stdout) ? complain("list", c) : 0;
+}
+
+static int doDescribe(eipClient *c, char **words, int count)
+{
+    (void)count;
+    return eipClientDescribe(c, words[0], stdout) ? complain(words[0], c) : 0;
 }
 
 /* --- Command line -------------------------------------------------------------------------- */
@@ -292,6 +269,31 @@ static double numberArg(char letter, const char *text, double low, double high)
     return number;
 }
 
+static void setOption(char letter, const char *text)
+{
+    switch (letter) {
+    case 's':
+        numberArg('s', text, -1, 255);
+        option.slot = text;
+        break;
+    case 'r':
+        option.route = text;
+        break;
+    case 'n':
+        option.count = (unsigned)numberArg('n', text, 1, 65535);
+        break;
+    case 't':
+        option.timeout = (int)numberArg('t', text, 10, 600000);
+        break;
+    case 'w':
+        option.period = numberArg('w', text, 0.001, 86400);
+        break;
+    default:
+        option.reads = (unsigned)numberArg('c', text, 1, 4e9);
+        break;
+    }
+}
+
 /* Returns the index of the first word that is no option. */
 static int options(int argc, char **argv)
 {
@@ -301,68 +303,59 @@ static int options(int argc, char **argv)
         char letter = argv[i][1];
         const char *text = argv[i][1] && argv[i][2] ? argv[i] + 2 : argv[i + 1];
 
-        if (letter == 'u') {
-            option.unconnected = 1;
-            continue;
-        }
-        if (letter == 'v') {
-            option.verbose = 1;
-            continue;
-        }
-        if (letter == 'h') {
+        if (letter == 'h' || strcmp(argv[i], "--help") == 0) {
             fputs(usage, stdout);
             exit(0);
         }
-        if (!letter || !strchr("srntwc", letter) || !text) {
-            fputs(usage, stderr);
-            exit(2);
+        if (letter && strchr("uv", letter) && !argv[i][2]) {
+            *(letter == 'u' ? &option.unconnected : &option.verbose) = 1;
+            continue;
         }
+        if (!letter || !strchr("srntwc", letter))
+            wrong("unknown option \"%.40s\"; allowed: -s -r -n -t -w -c with a value, -u -v -h", argv[i]);
+        if (!text)
+            wrong("-%c wants a value behind it", letter);
         i += !argv[i][2];
-        switch (letter) {
-        case 's':
-            numberArg('s', text, -1, 255);
-            option.slot = text;
-            break;
-        case 'r':
-            option.route = text;
-            break;
-        case 'n':
-            option.count = (unsigned)numberArg('n', text, 1, 65535);
-            break;
-        case 't':
-            option.timeout = (int)numberArg('t', text, 10, 600000);
-            break;
-        case 'w':
-            option.period = numberArg('w', text, 0.001, 86400);
-            break;
-        default:
-            option.reads = (unsigned)numberArg('c', text, 1, 4e9);
-            break;
-        }
+        setOption(letter, text);
     }
     return i;
 }
 
-static const struct {
+static const struct command {
     const char *name;
+    int (*run)(eipClient *c, char **words, int count);
     int least, most; /* words behind it */
-} commands[] = {{"identify", 0, 0}, {"list", 0, 1},     {"describe", 1, 1},
-                {"read", 1, 10000}, {"write", 2, 10000}, {"watch", 1, 10000}};
+    const char *words;
+} commands[] = {
+    {"identify", doIdentify, 0, 0,     ""                 },
+    {"list",     doList,     0, 1,     " [\"pattern\"]"    },
+    {"describe", doDescribe, 1, 1,     " tag"             },
+    {"read",     doRead,     1, 10000, " tag ..."         },
+    {"write",    doWrite,    2, 10000, " tag value ..."   },
+    {"watch",    doWatch,    1, 10000, " tag ..."         },
+};
 
-static int run(eipClient *c, const char *name, char **words, int count)
+/* The command of the words behind the host. */
+static const struct command *find(char **words, int count)
 {
-    switch (name[0]) {
-    case 'i':
-        return doIdentify(c);
-    case 'l':
-        return eipClientPrintList(c, count ? words[0] : NULL, stdout) ? complain("list", c) : 0;
-    case 'd':
-        return eipClientDescribe(c, words[0], stdout) ? complain(words[0], c) : 0;
-    case 'r':
-        return doRead(c, words, count);
-    default:
-        return (name[1] == 'a' ? doWatch : doWrite)(c, words, count);
-    }
+    size_t i;
+    int k;
+
+    if (!count)
+        wrong("no command behind the host; allowed: identify, list, describe, read, write, watch");
+    for (i = 0; i < sizeof(commands) / sizeof(commands[0]); i++)
+        if (strcmp(words[0], commands[i].name) == 0)
+            break;
+    if (i == sizeof(commands) / sizeof(commands[0]))
+        wrong("unknown command \"%.40s\"; allowed: host, then identify, list, describe, read, write or watch",
+              words[0]);
+    for (k = 1; k < count && (k == 1 || commands[i].run != doWrite); k++)
+        if (words[k][0] == '-')
+            wrong("\"%.40s\" is behind the command; allowed: options before the host", words[k]);
+    if (count - 1 < commands[i].least || count - 1 > commands[i].most)
+        wrong("%d word%s behind %s; allowed: %s%s", count - 1, count == 2 ? "" : "s", words[0], words[0],
+              commands[i].words);
+    return &commands[i];
 }
 
 int main(int argc, char **argv)
@@ -372,16 +365,19 @@ int main(int argc, char **argv)
                                  .room = eipUnconnectedRoom};
     char route[80], error[200];
     int first = options(argc, argv), status;
-    size_t i;
+    const struct command *command;
 
-    for (i = 0; first + 1 < argc && i < sizeof(commands) / sizeof(commands[0]); i++)
-        if (strcmp(argv[first + 1], commands[i].name) == 0)
-            break;
-    if (first + 1 >= argc || i == sizeof(commands) / sizeof(commands[0]) ||
-        argc - first - 2 < commands[i].least || argc - first - 2 > commands[i].most) {
+    if (argc < 2) {
         fputs(usage, stderr);
         return 2;
     }
+    if (first >= argc || !argv[first][0])
+        wrong("no host; allowed: the name or address of the controller, then a command");
+    command = find(argv + first + 1, argc - first - 1);
+    if (option.slot && option.route)
+        wrong("-s and -r; allowed: one of them");
+    if (!option.slot)
+        option.slot = "0";
     epicsSnprintf(route, sizeof(route), strcmp(option.slot, "-1") ? "1,%s" : "%s", option.slot);
     if (eipRouteParse(option.route ? option.route : route, &connect.route, error,
                       sizeof(error)))
@@ -400,7 +396,7 @@ int main(int argc, char **argv)
         eipConnectText(&c->connect, error, sizeof(error));
         fprintf(stderr, "plcTag: %s, %s\n", c->connect.identity.name, error);
     }
-    status = run(c, argv[first + 1], argv + first + 2, argc - first - 2);
+    status = command->run(c, argv + first + 2, argc - first - 2);
     eipClientDestroy(c);
     return status;
 }
