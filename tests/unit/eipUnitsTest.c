@@ -97,6 +97,7 @@ static void testRefused(void)
     epicsUInt8 bytes[40];
     eipWriter out = eipWriterOf(bytes, sizeof(bytes));
     eipTags t;
+    int round;
 
     w[0] = want("A", 0, eipCell, 0);
     w[1] = want("A", 1, eipCell, 16);
@@ -116,6 +117,16 @@ static void testRefused(void)
     testOk(t.units[1].period == 60000, "or more seldom, if it was wanted so");
     eipUnitPut(&out, &t, &t.units[0], 0, 0x1234);
     isBytes("a fragment says where it begins", &out, "52 02 91 01 41 00 03 00 34 12 00 00");
+    for (round = 0; round < 2; round++) {
+        w = calloc(3, sizeof(*w));
+        w[0] = want("A", 0, eipCell, 0);
+        w[1] = want("A", 1, eipCell, 16);
+        w[2] = want("A", 3, eipCell, 32);
+        w[1].fresh = round;
+        eipTagsSet(&t, w, 3);
+        testOk(!t.wants[0].refused && !!t.wants[1].refused == !round && !t.wants[2].refused,
+               round ? "unless its record has come anew" : "it stays refused when another one comes, which is not");
+    }
     out = eipWriterOf(bytes, sizeof(bytes));
     eipTagPathPut(&out, &t.tags[0], 2, eipWriteTag);
     isBytes("a write goes by name, to its element", &out, "4D 03 91 01 41 00 28 02");

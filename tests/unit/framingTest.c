@@ -309,6 +309,9 @@ static void testFlood(void)
         arrive(&s, 1 + next(&seed) % 50, MS);
     testOk(plcFramingJudge(s.framing) == plcFramingTrusted && s.wrong == 0 && s.used > used + 60,
            "and taken as they come (%d)", (int)(s.used - used));
+    used = s.used;
+    arrive(&s, (s.sent + 130) % 64 ? 130 : 131, 10 * MS);
+    testOk(s.used > used && s.wrong == 0, "after a pause too: a rhythm is to be found anew");
     arrive(&s, 64 - s.sent % 64, MS);
     used = s.used;
     for (i = 0; i < 20; i++)
@@ -389,7 +392,7 @@ MAIN(framingTest)
 {
     size_t i;
 
-    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 12 + 12 + framingSlipTests());
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 13 + 12 + framingSlipTests());
     for (i = 0; i < sizeof(rows) / sizeof(rows[0]); i++)
         testRow(i);
     testRandomPieces();

@@ -46,7 +46,7 @@ static int completeLimits(plcLink *link, const plcShape *shape, plcLinkError *er
     epicsInt64 low, high;
 
     defaultLimits(type, &low, &high);
-    if (link->has & plcHasH && link->high > high)
+    if (link->high > high) /* without H it is 0 */
         return plcLinkFail(error, link->column.H,
                            "H=%lld is beyond the type; allowed for %s: up to %lld",
                            (long long)link->high, type->name, (long long)high);
