@@ -147,6 +147,7 @@ void plcModbusDestroy(plcModbus *m)
     free(m->pieces);
     free(m->session.turns);
     free(m->cuts);
+    plcHolesFree(&m->holes);
     free(m);
 }
 
@@ -337,6 +338,7 @@ static int beatUnanswered(plcModbus *m, int status)
     return status < 0 ? -1 : 0;
 }
 
+/* Returns 0, or -1: the session is over. */
 static int beat(plcModbus *m)
 {
     session *s = &m->session;
@@ -348,8 +350,6 @@ static int beat(plcModbus *m)
     char reason[PLC_REASON_SIZE];
     int status;
 
-    if (o->heartbeatRegister < 0 || !s->outputsTried || now < s->beat)
-        return 0;
     m->beatRest = 0;
     s->beat = s->beat ? plcWorkerNext(s->beat, period, now) : now + period;
     m->registers[0] = ++m->beatCount;
@@ -439,18 +439,32 @@ static int takeOptions(plcModbus *m)
            limits.bits != s->options.limits.bits;
 }
 
-/* Does what is due first: writes before others, but one read after each lot of writes.
- * Returns when to go on, monotonic ns, 0: at once. */
+/* The heartbeat or one read of the outputs; in turns where both are due. Returns 0, or -1: the session
+ * is over. */
+static int beatOrRead(plcModbus *m)
+{
+    session *s = &m->session;
+
+    s->beatWasLast = plcWorkerBeatIsDue(s) && !(s->beatWasLast && plcWorkerIsDue(s, 1));
+    if (s->beatWasLast)
+        return beat(m);
+    plcWorkerRead(m, 1);
+    return s->on && !s->lost[0] ? 0 : -1;
+}
+
+/* One lot of puts, one other request, one read of inputs, as they are due: so inputs are read after two
+ * requests at most, and nobody waits for all that others have to do. Returns when to go on, monotonic ns,
+ * 0: at once. */
 static epicsUInt64 step(plcModbus *m)
 {
     session *s = &m->session;
-    epicsUInt64 next;
-    int plan;
+    epicsUInt64 next = PLC_WORKER_NEVER;
+    int plan, more;
 
     if (!plcWorkerEnter(m))
         return PLC_WORKER_NEVER;
     s->planIsOld |= takeOptions(m) || m->joinedIsNew;
-    plan = s->planIsOld && !s->round; /* not within a round of reads */
+    plan = s->planIsOld && !s->round[0] && !s->round[1]; /* not within a round of reads */
     if (plan) {
         takeJoined(m);
         s->planIsOld = 0;
@@ -458,10 +472,11 @@ static epicsUInt64 step(plcModbus *m)
     epicsMutexUnlock(m->lock);
     if (plan)
         plcWorkerPlan(m);
-    if (plcModbusRelayBroken(m->relay, s->lost) || plcWorkerWriteAll(m) || beat(m))
-        next = PLC_WORKER_NEVER;
-    else
-        next = plcWorkerPoll(m);
+    if (!plcModbusRelayBroken(m->relay, s->lost) && (more = plcWorkerWriteAll(m)) >= 0 &&
+        beatOrRead(m) == 0) {
+        plcWorkerRead(m, 0);
+        next = more ? 0 : plcWorkerNextRead(s);
+    }
     if (s->on && s->lost[0])
         giveUp(m);
     if (!s->on)

@@ -13,6 +13,7 @@
 #include <epicsThread.h>
 
 #include "plcModbus.h"
+#include "plcModbusHoles.h"
 #include "plcModbusRelay.h"
 #include "plcWake.h"
 
@@ -28,8 +29,9 @@ typedef struct turn {
     plcRequest request;
     int output;      /* of the output ranges */
     epicsUInt64 due; /* ns */
+    int asked;       /* once, at least */
     int refused;     /* by the PLC, the last time */
-    int told;        /* the log has it; else it is told at the end of the round */
+    int unsure;      /* its parts could be read; it was not asked for as a whole since */
     int torn;        /* not asked for: see PLC_WORKER_TORN */
     unsigned whole, wholeCount; /* a part of this value, which was refused as a whole with */
     int wholeCode;   /* this; wholeCount 0: it is no such part */
@@ -52,7 +54,9 @@ typedef struct session {
     plcModbusOptions options;   /* a copy, made before each step */
     turn *turns;
     unsigned turnCount, room;
-    epicsUInt64 round; /* reads due by then belong to this round; 0: none */
+    epicsUInt64 round[2]; /* reads of inputs, and of outputs, due by then belong to this round; 0: none */
+    int toTell;        /* it is to be seen whether there is news of refused reads */
+    int beatWasLast;   /* of heartbeat and reads of outputs */
     int inputsRead;    /* some, in this round */
     int inputsTried;   /* all of them, once */
     int outputsTried;
@@ -116,6 +120,7 @@ struct plcModbus {
     plcPiece *pieces;
     cut *cuts;
     unsigned cutCount, cutRoom;
+    plcHoles holes;               /* refused reads that the log has */
     unsigned units;               /* how many are asked */
     epicsUInt16 beatCount;
     epicsUInt16 registers[PLC_READ_REGISTERS];
@@ -128,6 +133,12 @@ static inline epicsUInt64 plcWorkerNext(epicsUInt64 due, epicsUInt64 period,
 {
     period = period < NS_PER_MS ? NS_PER_MS : period;
     return due > now ? due : due + period * ((now - due) / period + 1);
+}
+
+/* The heartbeat register is to be written now. */
+static inline int plcWorkerBeatIsDue(const session *s)
+{
+    return s->options.heartbeatRegister >= 0 && s->outputsTried && epicsMonotonicGet() >= s->beat;
 }
 
 /* --- plcModbusMailbox.c: what the worker tells ------------------------------------- */
@@ -190,7 +201,8 @@ void plcWorkerLoad(plcModbus *m, const plcRequest *q, const plcPiece *p,
 
 /* --- plcModbusWrites.c ------------------------------------------------------------- */
 
-/* Writes what is ordered now. Returns 0, or -1: the session is over. */
+/* Writes what is ordered now, until a read or the heartbeat is due. Returns 0; 1: there is more; or -1:
+ * the session is over. */
 int plcWorkerWriteAll(plcModbus *m);
 
 /* --- plcModbusReads.c -------------------------------------------------------------- */
@@ -199,12 +211,18 @@ int plcWorkerWriteAll(plcModbus *m);
  * elsewhere. */
 void plcWorkerPlan(plcModbus *m);
 
-/* Makes one read, if one is due. Returns when to go on, monotonic ns, 0: at once; or
- * PLC_WORKER_NEVER. */
-epicsUInt64 plcWorkerPoll(plcModbus *m);
+/* Is a read of inputs, or of outputs, to be made now? */
+int plcWorkerIsDue(const session *s, int output);
 
-/* True when a read, or the heartbeat, is so late that no more puts may go before it. */
-int plcWorkerIsLate(const session *s);
+/* Makes one, if one is due. */
+void plcWorkerRead(plcModbus *m, int output);
+
+/* When the next one is due, monotonic ns; 0: some are under way. */
+epicsUInt64 plcWorkerNextRead(const session *s);
+
+/* Makes one read of outputs and one of inputs, if they are due. Returns when to go on, monotonic ns,
+ * 0: at once; or PLC_WORKER_NEVER. */
+epicsUInt64 plcWorkerPoll(plcModbus *m);
 
 /* When a read that was made, or whose period has changed, is due again. */
 void plcWorkerSetDue(session *s, turn *t);

@@ -8,9 +8,6 @@
 
 #include "plcModbusPvt.h"
 
-/* So long after its time a read or the heartbeat has its turn between puts, ms. */
-#define LATE_MS 200
-
 static void addTurn(session *s, const plcRequest *q, int output, epicsUInt64 due)
 {
     if (s->turnCount == s->room) {
@@ -172,8 +169,8 @@ static int continues(const session *s, unsigned i, unsigned k)
 {
     const turn *a = &s->turns[i], *b = &s->turns[k];
 
-    return a->refused && a->refused == b->refused && a->torn == b->torn && !a->told == !b->told &&
-           a->output == b->output && a->request.table == b->request.table &&
+    return a->refused && a->refused == b->refused && a->torn == b->torn &&
+           a->unsure == b->unsure && a->output == b->output && a->request.table == b->request.table &&
            a->request.unit == b->request.unit && a->request.period == b->request.period &&
            a->wholeCount == b->wholeCount && (!a->wholeCount || a->whole == b->whole) &&
            a->request.start + a->request.count == b->request.start &&
@@ -182,14 +179,14 @@ static int continues(const session *s, unsigned i, unsigned k)
 }
 
 /* Neighbours that are refused cost one request from now on. */
-static void joinRefused(plcModbus *m)
+static void joinRefused(plcModbus *m, int output)
 {
     session *s = &m->session;
     unsigned i, k;
 
     for (i = 0; i < s->turnCount; i++)
         for (k = 0; s->turns[i].refused && k < s->turnCount; k++) {
-            if (k == i || !continues(s, i, k))
+            if (k == i || s->turns[i].output != output || !continues(s, i, k))
                 continue;
             dropCut(m, findCut(m, &s->turns[k].request, s->turns[k].output,
                                s->turns[k].request.start));
@@ -207,55 +204,82 @@ static int sameValue(const turn *a, const turn *b)
            a->request.unit == b->request.unit && a->request.period == b->request.period;
 }
 
-/* The first read in the order of the tables that is to be told, of the reason and unit of `like` (NULL:
- * any); NULL: there is none. */
-static turn *nextUntold(session *s, const turn *like)
+/* --- What the log says of it --------------------------------------------------------- */
+
+/* What is refused now. A value of which all parts could be read is told of as its parts were, until it
+ * was asked for as a whole. */
+static plcHoles refusedNow(const plcModbus *m)
 {
-    turn *first = NULL;
+    plcHoles now = {NULL, 0, 0};
     unsigned i;
 
-    for (i = 0; i < s->turnCount; i++) {
-        turn *t = &s->turns[i];
+    for (i = 0; i < m->session.turnCount; i++) {
+        const turn *t = &m->session.turns[i];
+        plcHole hole = {t->request.table, t->request.unit, t->request.start, t->request.count,
+                        t->refused};
 
-        if (!t->refused || t->told || (like && (t->refused != like->refused ||
-                                                t->request.unit != like->request.unit)))
-            continue;
-        if (!first || t->request.table < first->request.table ||
-            (t->request.table == first->request.table && t->request.start < first->request.start))
-            first = t;
+        if (t->refused && t->unsure)
+            plcHolesWithin(&now, hole, &m->holes);
+        else if (t->refused)
+            plcHolesAdd(&now, hole);
     }
-    return first;
+    return now;
 }
 
-/* Says which reads were refused in this round: "read of holding 4: ... (and of holding 17, coils 3)".
- * The lock is held. */
-static void tellRefused(plcModbus *m)
+/* Lines for these holes, one for each reason and unit: "read of holding 4: ... (and of holding 17, coils 3)".
+ * `good`: it is none any more. The lock is held. */
+static void tellHoles(plcModbus *m, plcHoles *holes, int good)
 {
-    turn *first, *t;
-
-    while ((first = nextUntold(&m->session, NULL))) {
+    while (holes->count) {
+        plcHole first = holes->hole[0];
         char text[40], reason[PLC_REASON_SIZE], others[180] = "";
-        unsigned more = 0;
+        unsigned i, left = 0, more = 0;
         size_t used = 0;
 
-        first->told = 1;
-        while ((t = nextUntold(&m->session, first))) {
-            t->told = 1;
-            plcWorkerWhere(&t->request, text);
+        for (i = 1; i < holes->count; i++) {
+            plcHole *h = &holes->hole[i];
+
+            if (h->unit != first.unit || (h->code != first.code && !good)) {
+                holes->hole[left++] = *h;
+                continue;
+            }
+            plcWorkerWhere(&(plcRequest){0, h->table, h->start, h->count, 0, h->unit}, text);
             if (used + strlen(text) > sizeof(others) - 40)
                 more++;
             else
                 used += (size_t)epicsSnprintf(others + used, sizeof(others) - used, "%s%s",
                                               used ? ", " : " (and of ", text);
         }
+        holes->count = left;
         if (more)
             used += (size_t)epicsSnprintf(others + used, sizeof(others) - used, " and %u more", more);
         if (used)
             strcpy(others + used, ")");
-        plcWorkerReason(m, first->refused, reason);
-        plcWorkerNote(m, "read of %s: %s%s", plcWorkerWhere(&first->request, text), reason, others);
+        plcWorkerReason(m, first.code, reason);
+        plcWorkerWhere(&(plcRequest){0, first.table, first.start, first.count, 0, first.unit}, text);
+        plcWorkerNote(m, "read of %s: %s%s", text, good ? "good again" : reason, others);
         m->hasNews = 1;
     }
+}
+
+/* Says what is news of the reads that are refused: each register once, whichever reads ask for it, and
+ * not again after a new plan or connection. The lock is held. */
+static void tellRefused(plcModbus *m)
+{
+    plcHoles now = refusedNow(m), bad = {NULL, 0, 0}, good = {NULL, 0, 0};
+    unsigned i;
+
+    for (i = 0; i < now.count; i++)
+        plcHolesRest(&bad, now.hole[i], &m->holes, 0);
+    for (i = 0; i < m->holes.count; i++)
+        plcHolesRest(&good, m->holes.hole[i], &now, 1);
+    tellHoles(m, &bad, 0);
+    tellHoles(m, &good, 1);
+    plcHolesFree(&bad);
+    plcHolesFree(&good);
+    plcHolesFree(&m->holes);
+    m->holes = now;
+    m->session.toTell = 0;
 }
 
 /* --- Answers ------------------------------------------------------------------------- */
@@ -275,12 +299,21 @@ static void markReadable(plcModbus *m, size_t offset, size_t size, const epicsUI
     m->someReadable |= good;
 }
 
+/* The PLC has answered this read: code 0, or it was refused. */
+static void setRefused(plcModbus *m, turn *t, int code)
+{
+    m->session.toTell |= t->refused != code || t->unsure;
+    t->refused = code;
+    t->asked = 1;
+    t->unsure = 0;
+}
+
 static void inputRead(plcModbus *m, turn *t, int code)
 {
     const plcRequest *q = &t->request;
     unsigned i, n = plcWorkerInPieces(m, q);
     int changed = 0;
-    char text[40], reason[PLC_REASON_SIZE];
+    char reason[PLC_REASON_SIZE];
 
     plcWorkerReason(m, code, reason);
     if (!plcWorkerEnter(m))
@@ -298,10 +331,7 @@ static void inputRead(plcModbus *m, turn *t, int code)
         if (t->refused || code || plcFaultsCount(m->setup.inFaults, p->offset, plcWorkerPieceBytes(q, p)))
             markReadable(m, p->offset, plcWorkerPieceBytes(q, p), mask, !code);
     }
-    if (t->refused && !code && t->told && !t->wholeCount)
-        plcWorkerNote(m, "read of %s: good again", plcWorkerWhere(q, text));
-    t->told = t->told && (code || t->wholeCount);
-    t->refused = code;
+    setRefused(m, t, code);
     m->session.inputsRead |= !code;
     m->news.inFaults |= changed;
     m->hasNews = 1;
@@ -364,8 +394,13 @@ static void tellUnread(plcModbus *m)
     unsigned i;
 
     plcWorkerNote(m, "outputs cannot be read: %s", m->news.unread);
-    for (i = 0; i < s->turnCount; i++)
-        s->turns[i].told |= s->turns[i].output;
+    for (i = 0; i < s->turnCount; i++) {
+        const plcRequest *q = &s->turns[i].request;
+
+        if (s->turns[i].output)
+            plcHolesAdd(&m->holes, (plcHole){q->table, q->unit, q->start, q->count,
+                                            s->turns[i].refused});
+    }
 }
 
 /* The parts of a value are one read again. Returns its turn. */
@@ -379,7 +414,6 @@ static turn *joinParts(plcModbus *m, turn t)
             i++;
             continue;
         }
-        t.told |= s->turns[i].told;
         s->turns[i] = s->turns[--s->turnCount];
     }
     t.request.start = t.whole;
@@ -399,6 +433,7 @@ static void wholeIsRefused(plcModbus *m, turn *t)
     char reason[PLC_REASON_SIZE];
 
     t->refused = t->wholeCode;
+    t->unsure = m->session.toTell = 1;
     plcWorkerReason(m, t->refused, reason);
     if (t->output || !plcWorkerEnter(m))
         return;
@@ -444,7 +479,6 @@ static void tellOutputs(plcModbus *m)
     unsigned shown;
 
     s->outputsTried = 1;
-    mendValues(m, 1);
     if (!plcWorkerEnter(m))
         return;
     shown = findHidden(m, &refused);
@@ -470,22 +504,11 @@ static void tellOutputs(plcModbus *m)
 
 static void outputRead(plcModbus *m, turn *t, int code)
 {
-    session *s = &m->session;
     unsigned i, n = plcWorkerOutPieces(m, &t->request);
-    char text[40];
 
-    if (t->refused && !code && t->told && !t->wholeCount && plcWorkerEnter(m)) {
-        plcWorkerNote(m, "read of %s: good again", plcWorkerWhere(&t->request, text));
-        plcWorkerTell(m);
-    }
-    t->told = t->told && (code || t->wholeCount);
-    t->refused = code;
+    setRefused(m, t, code);
     for (i = 0; i < n && !code; i++)
         plcWorkerStore(m, &t->request, &m->pieces[i], m->out);
-    for (i = 0; i < s->turnCount; i++)
-        if (s->turns[i].output && s->turns[i].due <= s->round)
-            return;
-    tellOutputs(m);
 }
 
 void plcWorkerSetDue(session *s, turn *t)
@@ -514,17 +537,13 @@ static int readTurn(plcModbus *m, unsigned at)
     return 0;
 }
 
-/* All reads that were due have been made: the input image is complete. */
-static void endRound(plcModbus *m)
+/* All input ranges that were due have been read, or refused: the input image is complete. */
+static void tellInputs(plcModbus *m)
 {
     session *s = &m->session;
     int whole = m->setup.inputCount && (s->inputsRead || !s->inputsTried);
 
-    s->round = 0;
-    mendValues(m, 0);
-    joinRefused(m);
     if (plcWorkerEnter(m)) {
-        tellRefused(m);
         if (whole) {
             memcpy(m->inNews, m->in, m->setup.inSize);
             epicsTimeGetCurrent(&m->news.stamp);
@@ -539,47 +558,90 @@ static void endRound(plcModbus *m)
     s->inputsRead = 0;
 }
 
-/* The read that is due first. */
-static unsigned firstTurn(const session *s)
+/* All reads of a plan have been made at least once. */
+static int allAsked(const session *s)
 {
-    unsigned i, first = 0;
+    unsigned i;
 
-    for (i = 1; i < s->turnCount; i++)
-        if (s->turns[i].due < s->turns[first].due)
+    for (i = 0; i < s->turnCount && s->turns[i].asked; i++)
+        ;
+    return i == s->turnCount;
+}
+
+/* All reads of one kind that were due have been made. What is refused is told when those of the other
+ * kind have been made, too: one line for both. */
+static void endRound(plcModbus *m, int output)
+{
+    session *s = &m->session;
+    int later = s->round[!output] && s->toTell == 1;
+
+    s->round[output] = 0;
+    mendValues(m, output);
+    joinRefused(m, output);
+    (output ? tellOutputs : tellInputs)(m);
+    if (s->toTell && later) {
+        s->toTell = 2; /* but not for ever */
+    } else if (s->toTell && allAsked(s) && plcWorkerEnter(m)) {
+        tellRefused(m);
+        plcWorkerTell(m);
+    }
+}
+
+/* The read of inputs, or of outputs, that is due first; turnCount: there is none. */
+static unsigned firstTurn(const session *s, int output)
+{
+    unsigned i, first = s->turnCount;
+
+    for (i = 0; i < s->turnCount; i++)
+        if (s->turns[i].output == output &&
+            (first == s->turnCount || s->turns[i].due < s->turns[first].due))
             first = i;
     return first;
 }
 
-/* Else many puts to a slow PLC would leave old values with the records as good. */
-int plcWorkerIsLate(const session *s)
+static epicsUInt64 dueOf(const session *s, int output)
 {
-    epicsUInt64 limit = epicsMonotonicGet() - LATE_MS * NS_PER_MS;
-    int beats = s->options.heartbeatRegister >= 0 && s->outputsTried && s->beat;
+    unsigned first = firstTurn(s, output);
 
-    if (beats && s->beat < limit)
-        return 1;
-    if (s->round)
-        return s->round < limit;
-    return s->turnCount && s->turns[firstTurn(s)].due < limit;
+    return first < s->turnCount ? s->turns[first].due : PLC_WORKER_NEVER;
 }
 
-/* One read, if one is due. Returns when to go on, 0: at once; or PLC_WORKER_NEVER. */
-epicsUInt64 plcWorkerPoll(plcModbus *m)
+int plcWorkerIsDue(const session *s, int output)
+{
+    if (s->round[output])
+        return 1;
+    if (s->planIsOld || (!output && !s->outputsTried)) /* the plan, or the outputs, come first */
+        return 0;
+    return dueOf(s, output) <= epicsMonotonicGet();
+}
+
+void plcWorkerRead(plcModbus *m, int output)
 {
     session *s = &m->session;
-    unsigned first = firstTurn(s);
-    epicsUInt64 due = s->turnCount ? s->turns[first].due : PLC_WORKER_NEVER;
-    epicsUInt64 now = epicsMonotonicGet();
 
-    if (!s->round && due <= now)
-        s->round = now;
-    if (!s->round)
-        return due;
-    if (due <= s->round)
-        readTurn(m, first);
-    else
-        endRound(m);
-    return 0;
+    if (!plcWorkerIsDue(s, output))
+        return;
+    if (!s->round[output])
+        s->round[output] = epicsMonotonicGet();
+    if (readTurn(m, firstTurn(s, output)) == 0 && dueOf(s, output) > s->round[output])
+        endRound(m, output);
+}
+
+epicsUInt64 plcWorkerNextRead(const session *s)
+{
+    epicsUInt64 in = s->outputsTried ? dueOf(s, 0) : PLC_WORKER_NEVER, out = dueOf(s, 1);
+
+    if (s->round[0] || s->round[1] || s->planIsOld)
+        return 0;
+    return in < out ? in : out;
+}
+
+epicsUInt64 plcWorkerPoll(plcModbus *m)
+{
+    plcWorkerRead(m, 1);
+    if (m->session.on && !m->session.lost[0])
+        plcWorkerRead(m, 0);
+    return plcWorkerNextRead(&m->session) <= epicsMonotonicGet() ? 0 : plcWorkerNextRead(&m->session);
 }
 
 void plcWorkerPlan(plcModbus *m)
@@ -590,6 +652,7 @@ void plcWorkerPlan(plcModbus *m)
     unsigned i, n;
 
     s->turnCount = 0;
+    s->toTell = 1;
     for (i = 0; i < m->cutCount;) /* it is tried again whether values can be read as a whole */
         if (m->cuts[i].inValue)
             dropCut(m, &m->cuts[i]);

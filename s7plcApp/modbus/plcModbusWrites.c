@@ -340,10 +340,11 @@ static int writeTogether(plcModbus *m)
     return status;
 }
 
-/* As many lots as puts wait now; those that come meanwhile have to wait for a read. What should have
- * been asked long ago has its turn between two lots. Returns 0, or -1: the session is over. */
+/* As many lots as puts wait now; but what is to be read now, or the heartbeat, has its turn between two
+ * lots: else many puts to a slow PLC would leave old values with the records as good. */
 int plcWorkerWriteAll(plcModbus *m)
 {
+    const session *s = &m->session;
     unsigned left = plcImagePutsWaiting(m->setup.out, NULL, NULL), count;
 
     for (; left; left -= count < left ? count : left) {
@@ -352,8 +353,8 @@ int plcWorkerWriteAll(plcModbus *m)
             break;
         if (writeTogether(m))
             return -1;
-        if (plcWorkerIsLate(&m->session))
-            break;
+        if (plcWorkerIsDue(s, 0) || plcWorkerIsDue(s, 1) || plcWorkerBeatIsDue(s))
+            return left > count;
     }
     return 0;
 }

@@ -1064,6 +1064,31 @@ def test_reads_between_puts(new_modbus, new_ioc):
     assert len(beats) >= 3
 
 
+def test_inputs_of_a_slow_device(new_modbus, new_ioc):
+    """a slow device, with puts, a heartbeat and outputs in three requests (track=on): between two reads of the inputs are one lot of puts and one other request"""
+    peer = new_modbus()
+    db = "".join(f'record(longout, "$(P)o{n}") {{ field(DTYP, "S7plc") field(OUT, "@PLC/{4 * n} T=INT16") }}\n'
+                 for n in range(20))
+    ioc = new_ioc(peer.configure("holding 0 10 every 50", "holding 100 40, holding 200 10, coils 0 16") + """
+        s7plcSetOption PLC complete sent
+        s7plcSetOption PLC track on
+        s7plcSetOption PLC heartbeatRegister 300
+        s7plcSetOption PLC heartbeat 250""", PROBE + db)
+    ioc.wait_alarm("in", "NO_ALARM")
+    until(lambda: 300 in peer.written(), "a heartbeat")
+    peer.delay = 0.1
+    mark = peer.mark()
+    for n in range(20):
+        ioc.put(f"o{n}", n + 1)
+    until_equal(lambda: [peer.holding[100 + 2 * n] for n in range(20)], list(range(1, 21)))
+    kinds = "".join("H" if r.start == 300 else "p" if r.writes else "i" if r.key == (3, 0, 10) else "o"
+                    for r in peer.requests[mark:])
+    between = kinds[kinds.index("p"):kinds.rindex("p")].split("i")[1:-1]
+    assert len(between) >= 15, kinds
+    assert not [b for b in between if b.count("p") > 1 or len(b) > 2], kinds
+    assert kinds.count("H") >= 3 and kinds.count("o") >= 6, kinds
+
+
 def test_reports(new_modbus, new_ioc):
     """s7plcReport, dbior and s7plcShow tell what is particular to Modbus"""
     peer = new_modbus()

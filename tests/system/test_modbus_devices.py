@@ -1,4 +1,5 @@
 """Devices as they are: each habit of a Modbus device is read and written, with the log quiet."""
+import re
 import socket
 import struct
 import threading
@@ -299,6 +300,52 @@ def test_holes(new_modbus, new_ioc):
     plc.wait_requests(60, mark)
     # as few requests as that allows: no register of a hole is asked for by itself
     assert (3, 40, 3) in {r.key for r in plc.since(mark)}
+
+
+def addresses(lines):
+    """The addresses in "holding 10 to 12" and "holding 13" of lines, in a list for each."""
+    found = [re.findall(r"holding (\d+)(?: to (\d+))?", line) for line in lines]
+    return [[n for first, last in runs for n in range(int(first), int(last or first) + 1)] for runs in found]
+
+
+def test_holes_are_named_once(new_modbus, new_ioc):
+    """holes that several reads meet, by ranges of two periods, by outputs and by a value over one: each register is named once; after a link has changed, or the device was away, only what is new; when the device shows them: once"""
+    plc = new_modbus()
+    plc.refuse(3, 10, 3)
+    db = DB + """
+    record(ai, "$(P)over") { field(DTYP, "S7plc") field(INP, "@PLC/24 T=REAL32") field(SCAN, "I/O Intr") }
+    record(longin, "$(P)other") { field(DTYP, "S7plc") field(INP, "@PLC/202 T=INT16") field(SCAN, "I/O Intr") }
+    """
+    ioc = start(plc, new_ioc, "readPeriod 50", inputs="holding 0 100 every 50, holding 11 10 every 70",
+                outputs="holding 200 40, holding 8 5", db=db)
+    ioc.wait_log("read of holding 10 to 12: PLC: exception 2")
+    for name in ("over", "other"):
+        ioc.wait_alarm(name, "INVALID", "READ", "exception 2")
+
+    def settle():
+        mark = plc.mark()
+        plc.wait_requests(40, mark)
+        return ioc.log_count("read of")
+    assert settle() == 1, ioc.log
+    ioc.put("other.INP", "@PLC/204 T=INT16")
+    ioc.wait_alarm("other", "NO_ALARM")
+    ioc.put("over.INP", "@PLC/22 T=REAL32")
+    ioc.wait_alarm("over", "INVALID", "READ", "exception 2")
+    assert settle() == 1, ioc.log
+    plc.refuse(3, 13)
+    ioc.wait_log("read of holding 13: PLC: exception 2")
+    plc.power_off()
+    ioc.wait_value("losses", 1)
+    plc.power_on()
+    ioc.wait_alarm("in", "NO_ALARM")
+    ioc.put("over.INP", "@PLC/26 T=REAL32")
+    assert settle() == 2, ioc.log
+    plc.refuse_no_more()
+    ioc.wait_alarm("over", "NO_ALARM")
+    until(lambda: "good again" in ioc.log, "the end of the holes")
+    settle()
+    assert all("read of" in line and "good again" in line for line in errors_in(ioc.log)[4:]), ioc.log
+    assert sum(addresses(errors_in(ioc.log)[4:]), []) in ([10, 11, 12, 13], [12, 13, 10, 11]), ioc.log
 
 
 def test_only_fc6(new_modbus, new_ioc):
