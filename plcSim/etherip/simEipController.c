@@ -170,6 +170,10 @@ static void serveMultiple(simEipController *c, const simEipOrigin *origin,
 
         simEipPut(answer->data + 2 + 2 * i, 2, used);
         used += simEipServe(c, &inner, data + from, to - from, out, limit);
+        if (out[2] == EIP_PARTIAL && c->profile->omron) {
+            simEipFail(answer, EIP_TOO_LARGE, 0); /* all of it */
+            return;
+        }
         if (out[2])
             answer->status = EIP_SERVICE_ERROR;
     }

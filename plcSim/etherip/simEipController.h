@@ -41,6 +41,11 @@
 #define EIP_TYPE 0x2107
 /* with EIP_STATE */
 #define EIP_KEY_SWITCH 0x2101
+/* Extended status of Omron, with EIP_PARAMETER. */
+#define EIP_PARAMETER 0x20
+#define EIP_NO_ARRAY 0x8017 /* several elements of one */
+#define EIP_RANGE 0x8018    /* none, or more than there are */
+#define EIP_OTHER_TYPE 0x8022
 
 typedef enum simEipKey { eipRemote, eipRun, eipProgram } simEipKey;
 

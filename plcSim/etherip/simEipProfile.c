@@ -1,6 +1,13 @@
 /* simEipProfile: what one kind of controller can and cannot, as one const row each. It
  * does nothing.
  *
+ * What is known of Omron NJ and NX: their manual W506, sections 8-4-5 (paths, ranges of an
+ * array), 8-6 (services 4C and 4D) and 8-7 (formats: BOOL, arrays); the extended status 8017
+ * of NX1P2 in libplctag.NET 381, the others in libplctag 466; no fragments in libplctag 308 and
+ * 430; no byte behind one that is written in libplctag 457; answers that are too long in
+ * libplctag 307 and 454. Not known, and stricter here than perhaps there: a BOOL that is written
+ * must have its second byte. Not as there: the layout of a whole structure.
+ *
  * SPDX-License-Identifier: BSD-3-Clause
  */
 #include "simEipProfile.h"
@@ -61,7 +68,7 @@ const simEipProfile simEipProfiles[] = {
         .small = 502,
         .large = 1994,
         .multiple = 32,
-        .wholeArrays = 1,
+        .omron = 1,
         .trueByte = 0x01,
         .strings = eipStringLong,
     },

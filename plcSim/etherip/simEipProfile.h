@@ -26,7 +26,8 @@ typedef struct simEipProfile {
     int multiple;       /* requests in a Multiple Service Packet, 0 = none */
     int list;           /* the tag list (55) and templates */
     int externalAccess; /* attribute 10 */
-    int wholeArrays;    /* an array is read whole, with count 1 */
+    int omron; /* services 4C and 4D only; an array without an element is the whole, with count
+                * 1; each BOOL of an array is an element; statuses of its own */
     unsigned trueByte;  /* what a BOOL that is true looks like */
     simEipStrings strings;
 } simEipProfile;

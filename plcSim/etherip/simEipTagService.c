@@ -7,6 +7,10 @@
  *   53   type  count(2)  offset(4)  data
  *   4E   size(2)  OR mask(size)  AND mask(size)
  *
+ * With Omron only 4C and 4D; a single BOOL has two bytes, its value and whether it is forced; a
+ * single byte that is read has another one behind it; a whole array of BOOL is words of 16 bits, some
+ * elements of it one byte each.
+ *
  * type is two bytes, or A0 02 and the handle of a structure. Offsets count bytes from the
  * element that the path names.
  *
@@ -24,7 +28,6 @@
 #define MODIFY 0x4E
 #define READ_FRAGMENT 0x52
 #define WRITE_FRAGMENT 0x53
-#define BAD_COUNT 0x20 /* invalid parameter */
 
 int simEipIsTagService(unsigned service)
 {
@@ -46,9 +49,12 @@ static int isText(const simEipType *type)
 static int checkCount(const simEipController *c, const simEipPlace *place, size_t *count,
                       simEipAnswer *answer)
 {
-    if (c->profile->wholeArrays) {
-        if (*count != 1) {
-            simEipFail(answer, BAD_COUNT, 0);
+    if (c->profile->omron) {
+        size_t most = place->isElement ? place->elements : 1;
+
+        if (!*count || *count > most) {
+            simEipFail(answer, EIP_PARAMETER,
+                       *count && !place->isElement ? EIP_NO_ARRAY : EIP_RANGE);
             return -1;
         }
         if (place->isArray && !place->isElement)
@@ -97,7 +103,7 @@ static epicsUInt8 *textsToWire(const simEipPlace *place, size_t count, size_t *s
  * single write to itself, and controllers take it. */
 static int mayFollow(const simEipController *c, size_t bytes)
 {
-    return !bytes || !c->refuseExtra;
+    return !bytes || (!c->refuseExtra && !c->profile->omron);
 }
 
 /* Returns a general status. With `store` unset it only checks. */
@@ -145,6 +151,36 @@ static size_t firstPart(const simEipType *type, size_t left, size_t room)
     return room >= type->size ? room / type->size * type->size : room / 4 * 4;
 }
 
+/* BOOLs of Omron; see above. Returns bytes to be freed. */
+static epicsUInt8 *boolsToWire(const simEipPlace *place, size_t count, size_t *size)
+{
+    int whole = place->isArray && !place->isElement;
+    epicsUInt8 *wire;
+    size_t i;
+
+    *size = whole ? (count + 15) / 16 * 2 : count == 1 ? 2 : count;
+    wire = callocMustSucceed(1, *size + 1, "simEip");
+    for (i = 0; i < count; i++) {
+        int on = place->bit < 0 ? place->bytes[i] != 0 : *place->bytes >> place->bit & 1;
+
+        if (whole)
+            wire[i / 8] |= (epicsUInt8)(on << i % 8);
+        else
+            wire[i] = (epicsUInt8)on;
+    }
+    return wire;
+}
+
+/* A byte of Omron, and the one behind it. */
+static epicsUInt8 *byteToWire(const simEipPlace *place, size_t *size)
+{
+    epicsUInt8 *wire = callocMustSucceed(1, 2, "simEip");
+
+    wire[0] = *place->bytes;
+    *size = 2;
+    return wire;
+}
+
 static void addData(const simEipController *c, const simEipPlace *place, size_t count,
                     size_t offset, simEipAnswer *answer)
 {
@@ -155,7 +191,11 @@ static void addData(const simEipController *c, const simEipPlace *place, size_t 
     epicsUInt8 truth;
     size_t part;
 
-    if (type->kind == eipBool) {
+    if (type->kind == eipBool && c->profile->omron) {
+        data = texts = boolsToWire(place, count, &size);
+    } else if (type->size == 1 && c->profile->omron && count == 1) {
+        data = texts = byteToWire(place, &size);
+    } else if (type->kind == eipBool) {
         int on = place->bit < 0 ? *data != 0 : *data >> place->bit & 1;
 
         truth = (epicsUInt8)(on ? c->profile->trueByte : 0);
@@ -167,6 +207,9 @@ static void addData(const simEipController *c, const simEipPlace *place, size_t 
         general(answer, EIP_BEYOND);
     } else if (offset && type->kind != eipStruct && !texts && offset % type->size) {
         general(answer, EIP_OFFSET);
+    } else if (c->profile->omron) { /* whole or not at all */
+        if (!addType(type, answer))
+            simEipAdd(answer, data, size);
     } else if (!addType(type, answer)) {
         part = firstPart(type, size - offset, answer->room - answer->size);
         simEipAdd(answer, data + offset, part);
@@ -197,8 +240,16 @@ static void readTag(const simEipController *c, const simEipRequest *request,
 
 /* ---- writing ---- */
 
+static void otherType(const simEipController *c, simEipAnswer *answer)
+{
+    if (c->profile->omron)
+        simEipFail(answer, EIP_PARAMETER, EIP_OTHER_TYPE);
+    else
+        general(answer, EIP_TYPE);
+}
+
 /* Takes the type from the data. Returns its bytes, or 0 with an answer. */
-static size_t takeType(const simEipRequest *request, const simEipType *type,
+static size_t takeType(const simEipController *c, const simEipRequest *request, const simEipType *type,
                        simEipAnswer *answer)
 {
     size_t size = type->kind == eipStruct ? 4 : 2;
@@ -208,7 +259,7 @@ static size_t takeType(const simEipRequest *request, const simEipType *type,
         return 0;
     }
     if (simEipGet(request->data, 2) != type->code) {
-        general(answer, EIP_TYPE);
+        otherType(c, answer);
         return 0;
     }
     if (request->dataSize < size) {
@@ -216,7 +267,7 @@ static size_t takeType(const simEipRequest *request, const simEipType *type,
         return 0;
     }
     if (size == 4 && simEipGet(request->data + 2, 2) != type->handle) {
-        general(answer, EIP_TYPE);
+        otherType(c, answer);
         return 0;
     }
     return size;
@@ -232,13 +283,36 @@ static void storeBool(const simEipPlace *place, int on)
         *place->bytes &= (epicsUInt8) ~(1u << place->bit);
 }
 
+/* BOOLs of Omron; see above. */
+static void storeBools(const simEipPlace *place, size_t count, const epicsUInt8 *data,
+                       size_t size, simEipAnswer *answer)
+{
+    int whole = place->isArray && !place->isElement;
+    size_t want = whole ? (count + 15) / 16 * 2 : count == 1 ? 2 : count, i;
+
+    if (size != want) {
+        simEipFail(answer, size < want ? EIP_TOO_SHORT : EIP_TOO_LONG, 0);
+        return;
+    }
+    for (i = 0; i < count; i++) {
+        int on = whole ? data[i / 8] >> i % 8 & 1 : data[i] != 0;
+
+        if (place->bit < 0)
+            place->bytes[i] = (epicsUInt8)on;
+        else
+            storeBool(place, on);
+    }
+}
+
 static void store(const simEipController *c, const simEipPlace *place, size_t count,
                   const epicsUInt8 *data, size_t size, simEipAnswer *answer)
 {
     size_t want = count * place->type->size;
     int status;
 
-    if (isText(place->type)) {
+    if (place->type->kind == eipBool && c->profile->omron) {
+        storeBools(place, count, data, size, answer);
+    } else if (isText(place->type)) {
         status = textsFromWire(c, place, count, data, size, 0);
         if (status)
             simEipFail(answer, (unsigned)status, 0);
@@ -275,7 +349,7 @@ static void writeTag(const simEipController *c, const simEipRequest *request,
                      const simEipPlace *place, simEipAnswer *answer)
 {
     int isPart = request->service == WRITE_FRAGMENT;
-    size_t at = takeType(request, place->type, answer);
+    size_t at = takeType(c, request, place->type, answer);
     size_t head = at + 2 + (isPart ? 4 : 0);
     const epicsUInt8 *data = request->data + head;
     size_t count;
@@ -328,8 +402,10 @@ void simEipTagService(simEipController *c, const simEipRequest *request,
     simEipPlace place;
     int status = simEipTagsResolve(&c->tags, path, &place);
 
-    if (status)
-        simEipFail(answer, (unsigned)status, 0);
+    if (c->profile->omron && request->service != READ && request->service != WRITE)
+        simEipFail(answer, EIP_NO_SERVICE, 0);
+    else if (status)
+        simEipFail(answer, c->profile->omron ? EIP_PATH_UNKNOWN : (unsigned)status, 0);
     else if (place.tag->access == eipNoAccess ||
              (!isRead && place.tag->access == eipReadOnly))
         simEipFail(answer, EIP_NO_PRIVILEGE, 0);

@@ -182,8 +182,8 @@ int simEipTypeParse(const simEipTypes *types, const char *text, const simEipType
     if ((epicsUInt64)dims[0] * (dims[1] ? dims[1] : 1) * (dims[2] ? dims[2] : 1) >
         MAX_ELEMENTS)
         return simFail(error, "\"%.40s\": more than %u elements", text, MAX_ELEMENTS);
-    if ((*type)->kind != eipBool)
-        return 0;
+    if ((*type)->kind != eipBool || types->string->kind == eipLongText)
+        return 0; /* Omron has arrays of BOOL, one byte each here */
     if (dims[1] || dims[0] % 32)
         return simFail(error,
                        "\"%.40s\": an array of BOOL has one dimension, a multiple of 32",
@@ -454,7 +454,7 @@ static int parseMember(const simEipTypes *types, simEipType *type, const char *w
         /* NOLINTNEXTLINE(clang-analyzer-core.NullDereference): a failed parse is not 0 */
         what->size * (dims[0] ? dims[0] : 1) > MAX_ELEMENTS - type->size)
         return simFail(error, "udt %s is too large", type->name);
-    if (what->kind == eipBool)
+    if (what->kind == eipBool && !dims[0])
         placeBool(type, name);
     else
         place(type, addMember(type, name, what, dims[0]));

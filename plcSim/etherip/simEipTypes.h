@@ -91,7 +91,7 @@ const simEipType *simEipTypeFind(const simEipTypes *types, const char *name);
 int simEipTypeStatement(simEipTypes *types, char **words, size_t count,
                         char error[SIM_ERROR_SIZE]);
 
-/* Reads "REAL[40]", "DINT[2,3,4]", "BOOL[64]" (two DWORDs). dims has three numbers, 0
+/* Reads "REAL[40]", "DINT[2,3,4]", "BOOL[64]" (two DWORDs; 64 BOOLs where STRING is D0). dims has three numbers, 0
  * where there are fewer. Returns 0, or -1 with the reason in error. */
 int simEipTypeParse(const simEipTypes *types, const char *text, const simEipType **type,
                     unsigned dims[3], char error[SIM_ERROR_SIZE]);

@@ -187,8 +187,9 @@ int simEipValueSignal(const simMemory *mem, const simEipTag *tag, char **words,
     char address[32], type[32];
     size_t i;
 
-    if (!name)
-        return simFail(error, "tag %s: no signals for %s", tag->name, tag->type->name);
+    if (!name || (tag->type->kind == eipBool && tag->dimCount))
+        return simFail(error, "tag %s: no signals for %s%s", tag->name, tag->type->name,
+                       name ? "[]" : "");
     if (count + 2 > sizeof(all) / sizeof(all[0]))
         return simFail(error, "tag %s: too many words", tag->name);
     snprintf(address, sizeof(address), tag->type->kind == eipBool ? "%lu.0" : "%lu",

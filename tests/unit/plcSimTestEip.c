@@ -506,8 +506,35 @@ static const struct {
      "cd 00 13 00"},
     {"omron", "an array is read whole", "4c 02 91 01 41 00 01 00",
      "cc 00 00 00 c3 00 07 00 08 00 09 00"},
-    {"omron", "with count 1 only", "4c 02 91 01 41 00 03 00", "cc 00 20 00"},
+    {"omron", "with count 1 only", "4c 02 91 01 41 00 03 00", "cc 00 20 01 17 80"},
     {"omron", "or one element", "4c 03 91 01 41 00 28 02 01 00", "cc 00 00 00 c3 00 09 00"},
+    {"omron", "or two, from the one that is named on", "4c 03 91 01 41 00 28 01 02 00",
+     "cc 00 00 00 c3 00 08 00 09 00"},
+    {"omron", "not more than there are", "4c 03 91 01 41 00 28 01 03 00", "cc 00 20 01 18 80"},
+    {"omron", "nor none", "4c 03 91 01 41 00 28 01 00 00", "cc 00 20 01 18 80"},
+    {"omron", "two are written likewise", "4d 03 91 01 41 00 28 01 c3 00 02 00 05 00 06 00",
+     "cd 00 00 00"},
+    {"omron", "the whole with count 1", "4d 02 91 01 41 00 c3 00 01 00 01 00 02 00 03 00",
+     "cd 00 00 00"},
+    {"omron", "not one element of it", "4d 02 91 01 41 00 c3 00 01 00 01 00", "cd 00 13 00"},
+    {"omron", "it is there", "4c 02 91 01 41 00 01 00", "cc 00 00 00 c3 00 01 00 02 00 03 00"},
+    {"omron", "not as another type", "4d 03 91 01 41 00 28 01 c4 00 01 00 05 00 06 00",
+     "cd 00 20 01 22 80"},
+    {"omron", "a BOOL: value, is it forced", "4c 02 91 01 42 00 01 00", "cc 00 00 00 c1 00 01 00"},
+    {"omron", "written likewise", "4d 02 91 01 42 00 c1 00 01 00 00 00", "cd 00 00 00"},
+    {"omron", "not one byte", "4d 02 91 01 42 00 c1 00 01 00 01", "cd 00 13 00"},
+    {"omron", "BOOLs of an array have one each", "4c 03 91 01 46 00 28 01 03 00",
+     "cc 00 00 00 c1 00 01 00 01"},
+    {"omron", "written likewise", "4d 03 91 01 46 00 28 10 c1 00 02 00 01 01", "cd 00 00 00"},
+    {"omron", "one of them two bytes", "4d 03 91 01 46 00 28 01 c1 00 01 00 00 00", "cd 00 00 00"},
+    {"omron", "all of them are words of bits", "4c 02 91 01 46 00 01 00",
+     "cc 00 00 00 c1 00 08 00 03 00"},
+    {"omron", "a byte has another behind it", "4c 02 91 01 53 00 01 00", "cc 00 00 00 c2 00 fb 00"},
+    {"omron", "when it is read", "4d 02 91 01 53 00 c2 00 01 00 04 00", "cd 00 15 00"},
+    {"omron", "no fragments", "52 02 91 01 41 00 01 00 00 00 00 00", "d2 00 08 00"},
+    {"omron", "no read-modify-write", "4e 02 91 01 53 00 01 00 01 ff", "ce 00 08 00"},
+    {"omron", "a name that is not there", "4c 02 91 01 58 00 01 00", "cc 00 05 00"},
+    {"omron", "1200 bytes do not fit", "4c 02 91 01 4c 00 01 00", "cc 00 11 00"},
     {"omron", "a STRING has two bytes of length", "4c 02 91 01 54 00 01 00",
      "cc 00 00 00 d0 00 02 00 61 62"},
     {"omron", "1995 bytes: 0109 and 1994", LARGE HEAD TRIAD "01 00 00 00 " SECOND
@@ -517,7 +544,7 @@ static const struct {
 
 static void testProfiles(void)
 {
-    char text[300];
+    char text[500];
     size_t i;
 
     for (i = 0; i < sizeof(profiles) / sizeof(profiles[0]); i++) {
@@ -528,8 +555,12 @@ static void testProfiles(void)
                 dismantle();
             snprintf(text, sizeof(text),
                      ON "etherip_profile = %s\ntag B BOOL = 1\ntag T STRING = ab\n"
-                        "tag A INT[3] = 7 8 9\n",
-                     profiles[i].profile);
+                        "tag A INT[3] = 7 8 9\n%s",
+                     profiles[i].profile,
+                     strcmp(profiles[i].profile, "omron")
+                         ? ""
+                         : "tag F BOOL[18] = 0 1 0 1 0 0 0 0 0 0 0 0 0 0 0 0 0 0\n"
+                           "tag S SINT = -5\ntag L DINT[300]\n");
             build(text);
         }
         snprintf(what, sizeof(what), "%s: %s", profiles[i].profile, profiles[i].what);
@@ -741,7 +772,7 @@ static void testMutated(void)
 
 MAIN(plcSimTestEip)
 {
-    testPlan(219);
+    testPlan(240);
     testServed();
     testLimits();
     testUnconnected();
