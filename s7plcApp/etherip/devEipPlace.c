@@ -166,7 +166,8 @@ static int take(dbCommon *prec, devRecord *dev, const eipLink *link, const eipWa
 static eipWant wishOf(eipLink *link, eipPlaceKind kind)
 {
     eipWant wish = {.tag = link->tag, .index = link->index, .count = 1,
-                    .alone = link->alone, .kind = kind, .indexed = link->indexed};
+                    .alone = link->alone, .kind = kind, .indexed = link->indexed,
+                    .element = link->hasIndex};
 
     return wish;
 }

@@ -277,6 +277,10 @@ int eipWorkerAskMany(eipWorker *w, unsigned count, eipAskHow how,
         eipPlansRenew(w);
         return 0; /* all of it comes again */
     }
+    if (how == eipAskSeveral && count > 1) { /* what their answers take is not known yet */
+        w->askMost = count / 2;
+        return 0;
+    }
     if (w->limits.room > 200) { /* too much for this PLC: less the next time */
         w->limits.room -= w->limits.room / 4;
         eipWorkerNote(w, "the PLC refuses %u services in a message: %u bytes from now on",

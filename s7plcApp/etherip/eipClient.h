@@ -70,6 +70,9 @@ void eipValueFree(eipValue *value);
 /* Puts path and service for it. */
 void eipValuePath(eipWriter *w, const eipName *name, int service);
 
+/* Omron: several elements begin at one that is named. */
+void eipValueFirst(const eipClient *c, eipValue *value, unsigned count);
+
 /* Reads `count` elements, in as many parts as it takes. */
 int eipClientRead(eipClient *c, eipValue *value, unsigned count);
 

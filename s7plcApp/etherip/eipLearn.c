@@ -13,14 +13,13 @@
 enum {
     answerGuess = 24, /* bytes that an answer to a question for a type takes: a string takes
                        * more, and is asked for again alone */
-    askMost = 400,    /* tags in one message */
 };
 
 /* --- Asking for types ------------------------------------------------------------------------ */
 
 /* Which tags a message asks for. */
 typedef struct asked {
-    unsigned tags[askMost];
+    unsigned tags[eipAskMost];
     unsigned count;
 } asked;
 
@@ -61,7 +60,7 @@ static void putAsk(eipWorker *w, eipWriter *m, unsigned i, void *arg)
 {
     const asked *a = arg;
 
-    eipTagAskPut(m, &w->tags.tags[a->tags[i]]);
+    eipTagAskPut(m, &w->tags, &w->tags.tags[a->tags[i]]);
 }
 
 /* Its first element does not fit one answer: what it takes is seen when it is read whole. */
@@ -132,16 +131,15 @@ static int isDue(const eipTag *tag, epicsUInt64 now, epicsUInt64 *next)
 static void choose(eipWorker *w, epicsUInt64 now, epicsUInt64 *next, asked *a)
 {
     unsigned request = eipMultipleHead, answer = eipMultipleAnswerHead, i, size;
-    unsigned most = w->limits.multiple ? w->limits.multiple : askMost;
+    unsigned most = w->limits.multiple ? w->limits.multiple : eipAskMost;
 
     a->count = 0;
-    for (i = 0; i < w->tags.tagCount && a->count < most && a->count < askMost; i++) {
+    for (i = 0; i < w->tags.tagCount && a->count < most && a->count < w->askMost; i++) {
         const eipTag *tag = &w->tags.tags[i];
 
         if (!isDue(tag, now, next))
             continue;
-        size = eipMultipleEach + 4 + (unsigned)eipPathBytes(tag->base, 0) +
-               (tag->indexed ? 2 : 0);
+        size = eipMultipleEach + 4 + eipTagAskBytes(&w->tags, tag);
         if (a->count && (request + size > w->limits.room ||
                          answer + answerGuess + eipMultipleEach > w->limits.room))
             break;

@@ -142,6 +142,7 @@ eipPlace *eipPlacesGet(eipPlaces *p, const eipWant *wish, unsigned period, int o
             place->fresh = 1;
         addUser(place, period);
         place->outputs += output != 0;
+        place->want.element |= wish->element;
         p->changed = 1;
     }
     epicsMutexUnlock(p->lock);

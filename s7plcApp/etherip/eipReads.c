@@ -310,7 +310,7 @@ static void refused(eipWorker *w, unsigned number, const eipAnswer *answer)
 {
     eipUnit *u = &w->tags.units[number];
     eipTag *tag = &w->tags.tags[u->tag];
-    int isEnd = answer->status == eipGeneral && answer->extended == eipExtEnd;
+    int isEnd = eipAnswerIsEnd(answer);
     int isUnknown = answer->status == eipPathSegment || answer->status == eipPathUnknown;
     /* Some say of an element beyond the end what they say of a tag that is not there. */
     int isElement = isUnknown && (u->first > 0 || u->pieces > 1);
@@ -326,8 +326,7 @@ static void refused(eipWorker *w, unsigned number, const eipAnswer *answer)
         epicsMutexUnlock(w->tagsLock);
         if (split)
             w->replan = 2; /* the parts are read at once */
-    } else if ((isUnknown && !isElement) ||
-               (answer->status == eipGeneral && answer->extended == eipExtType)) {
+    } else if ((isUnknown && !isElement) || eipAnswerIsOtherType(answer)) {
         relearn(w, tag, isUnknown);
     } else {
         badUnit(w, u, reason);
@@ -374,6 +373,47 @@ static size_t whole(const eipUnit *u, size_t got)
     return u->size && got > u->size && u->size <= 8 ? got - got % u->size : got;
 }
 
+static void assemble(eipWorker *w, size_t at, const epicsUInt8 *bytes, size_t length)
+{
+    if (at + length > w->assemblyRoom) {
+        w->assemblyRoom = (at + length) * 2;
+        w->assembly = realloc(w->assembly, w->assemblyRoom);
+        if (!w->assembly)
+            cantProceed("etherip: no memory for a tag of %lu bytes\n", (unsigned long)at);
+    }
+    memcpy(w->assembly + at, bytes, length);
+}
+
+/* A controller that has no fragments: as many elements at a time as fit. */
+static int readRuns(eipWorker *w, const eipUnit *u, eipAnswer *answer, eipData *data)
+{
+    size_t all = (size_t)u->count * u->size, got, length;
+    unsigned head = eipUnitLoad(&w->tags, u, 0).answer - (unsigned)all;
+    unsigned most = (w->limits.room - head) / u->size;
+    eipUnit run = *u;
+    eipData part = {0};
+
+    for (got = 0; got < all; got += length, run.first += run.count) {
+        eipWriter m = eipWorkerWriter(w);
+        unsigned left = (unsigned)((all - got) / u->size);
+
+        run.count = left < most ? left : most;
+        length = (size_t)run.count * u->size;
+        eipUnitPut(&m, &w->tags, &run, 0, -1);
+        if (eipWorkerAsk(w, &m, answer))
+            return -1;
+        if (answer->status)
+            return 0;
+        if (eipDataTake(answer, &part) || part.length < length) {
+            strcpy(w->lost, "part of an array not understood");
+            return -1;
+        }
+        assemble(w, got, part.bytes, length);
+    }
+    *data = (eipData){part.code, part.handle, w->assembly, got};
+    return 0;
+}
+
 int eipReadWhole(eipWorker *w, const eipUnit *u, size_t from, eipAnswer *answer,
                  eipData *data)
 {
@@ -381,6 +421,8 @@ int eipReadWhole(eipWorker *w, const eipUnit *u, size_t from, eipAnswer *answer,
     eipData part;
     int status;
 
+    if (w->tags.omron && u->count > 1)
+        return readRuns(w, u, answer, data);
     do {
         putFragment(w, u, got, answer, &status);
         if (status)
@@ -392,14 +434,7 @@ int eipReadWhole(eipWorker *w, const eipUnit *u, size_t from, eipAnswer *answer,
             strcpy(w->lost, "fragment not understood");
             return -1;
         }
-        if (got + part.length > w->assemblyRoom) {
-            w->assemblyRoom = (got + part.length) * 2;
-            w->assembly = realloc(w->assembly, w->assemblyRoom);
-            if (!w->assembly)
-                cantProceed("etherip: no memory for a tag of %lu bytes\n",
-                            (unsigned long)got);
-        }
-        memcpy(w->assembly + got, part.bytes, part.length);
+        assemble(w, got, part.bytes, part.length);
         got += answer->status == eipPartial ? whole(u, part.length) : part.length;
     } while (answer->status == eipPartial);
     *data = (eipData){part.code, part.handle, w->assembly, got};

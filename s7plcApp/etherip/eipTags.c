@@ -133,6 +133,7 @@ void eipTagsSet(eipTags *t, eipWant *wants, unsigned count)
             tag->period = wants[i].period;
         }
         tag->wants++;
+        tag->array |= wants[i].element || wants[i].index || wants[i].count > 1;
         if (wants[i].period < tag->period)
             tag->period = wants[i].period;
     }
@@ -146,6 +147,7 @@ void eipTagsSet(eipTags *t, eipWant *wants, unsigned count)
             tags[i].base = now.base;
             tags[i].from = now.from;
             tags[i].wants = now.wants;
+            tags[i].array = now.array;
             tags[i].period = now.period;
         }
         t->unknown += tags[i].state == eipTagNew;

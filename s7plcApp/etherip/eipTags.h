@@ -45,6 +45,7 @@ typedef struct eipWant {
     int fresh;           /* what stands in its place is of nobody */
     int indexed;         /* the element always stands in the path: more than one dimension */
     int shared;          /* several outputs have this place */
+    int element;         /* its link names an element */
 } eipWant;
 
 typedef enum { eipTagNew, eipTagKnown, eipTagBad } eipTagState;
@@ -53,6 +54,7 @@ typedef enum { eipTagNew, eipTagKnown, eipTagBad } eipTagState;
 typedef struct eipTag {
     const char *base;      /* that of its first wish */
     int alone, indexed;
+    int array;             /* elements of it are wanted */
     unsigned from, wants;  /* its wishes, sorted by index */
     unsigned period;       /* ms, the fastest of them */
     eipTagState state;
@@ -104,7 +106,7 @@ typedef struct eipTags {
     unsigned pieceCount, pieceRoom;
     unsigned unknown; /* tags that are new */
     eipTemplates *templates;
-    int omron;      /* an array is asked for as one element */
+    int omron;      /* an array without an index is always the whole; no services for fragments */
     int byInstance; /* several in one message go by their instances, not by name */
 } eipTags;
 
@@ -145,10 +147,15 @@ void eipUnitPut(eipWriter *w, const eipTags *t, const eipUnit *u, int byInstance
 
 /* Puts the path of elements of a tag, from `index` on, by its name: after a download an instance
  * may be another tag. */
-void eipTagPathPut(eipWriter *w, const eipTag *tag, epicsUInt32 index, int service);
+void eipTagPathPut(eipWriter *w, const eipTags *t, const eipTag *tag, epicsUInt32 index,
+                   int service);
 
-/* Puts the question for its type: one element, by its name. */
-void eipTagAskPut(eipWriter *w, const eipTag *tag);
+/* The bytes of that path. */
+unsigned eipTagPathBytes(const eipTags *t, const eipTag *tag, epicsUInt32 index);
+
+/* Puts the question for its type: one element, by its name; and the bytes of its path. */
+void eipTagAskPut(eipWriter *w, const eipTags *t, const eipTag *tag);
+unsigned eipTagAskBytes(const eipTags *t, const eipTag *tag);
 
 /* What an answer to a read begins with. */
 typedef struct eipData {

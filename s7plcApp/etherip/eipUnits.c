@@ -370,53 +370,66 @@ int eipUnitSplit(eipTags *t, unsigned unit)
 /* --- Messages ------------------------------------------------------------------------------- */
 
 static void putPath(eipWriter *w, const char *base, epicsUInt32 instance, epicsUInt32 index,
-                    int indexed, int service)
+                    int hasElement, int service)
 {
     epicsUInt8 path[eipPathMax + 16];
     eipWriter p = eipWriterOf(path, sizeof(path));
 
     if (eipPathPut(&p, base, instance))
         w->full = 1;
-    if (index || indexed)
+    if (hasElement)
         eipIndexPut(&p, index);
     eipRequestPut(w, (eipService)service, path, p.n);
 }
 
-void eipTagPathPut(eipWriter *w, const eipTag *tag, epicsUInt32 index, int service)
+/* Does the element stand in the path? The first one need not, but for Omron, to which an array
+ * without an element is the whole. */
+static int hasElement(const eipTags *t, const eipTag *tag, epicsUInt32 index)
 {
-    putPath(w, tag->base, 0, index, tag->indexed, service);
+    return index || tag->indexed || (t->omron && tag->array);
 }
 
-void eipTagAskPut(eipWriter *w, const eipTag *tag)
+void eipTagPathPut(eipWriter *w, const eipTags *t, const eipTag *tag, epicsUInt32 index,
+                   int service)
 {
-    putPath(w, tag->base, 0, 0, tag->indexed, eipReadTag);
+    putPath(w, tag->base, 0, index, hasElement(t, tag, index), service);
+}
+
+unsigned eipTagPathBytes(const eipTags *t, const eipTag *tag, epicsUInt32 index)
+{
+    return (unsigned)eipPathBytes(tag->base, 0) +
+           (hasElement(t, tag, index) ? (unsigned)eipIndexBytes(index) : 0);
+}
+
+/* An array of Omron may begin at any number: one that is wanted is there rather than 0. */
+static epicsUInt32 askedElement(const eipTags *t, const eipTag *tag)
+{
+    return t->omron && tag->wants ? t->wants[tag->from].index : 0;
+}
+
+void eipTagAskPut(eipWriter *w, const eipTags *t, const eipTag *tag)
+{
+    eipTagPathPut(w, t, tag, askedElement(t, tag), eipReadTag);
     eipPut16(w, 1);
 }
 
-/* Omron wants an array as one element, from its beginning. */
-static int asOne(const eipTags *t, const eipUnit *u)
+unsigned eipTagAskBytes(const eipTags *t, const eipTag *tag)
 {
-    return t->omron && !u->whole && u->count > 1;
+    return eipTagPathBytes(t, tag, askedElement(t, tag));
 }
 
-/* What stands in the path behind the name: the first element, perhaps even where it is 0. */
-static epicsUInt32 firstElement(const eipTags *t, const eipUnit *u)
+static int unitHasElement(const eipTags *t, const eipUnit *u)
 {
-    return asOne(t, u) ? 0 : u->first;
-}
-
-static int hasElement(const eipTags *t, const eipUnit *u)
-{
-    return firstElement(t, u) || (!u->whole && t->tags[u->tag].indexed);
+    return !u->whole && hasElement(t, &t->tags[u->tag], u->first);
 }
 
 void eipUnitPut(eipWriter *w, const eipTags *t, const eipUnit *u, int byInstance, long fragment)
 {
     const eipTag *tag = &t->tags[u->tag];
 
-    putPath(w, u->whole ? u->whole : tag->base, byInstance ? tag->instance : 0,
-            firstElement(t, u), hasElement(t, u), fragment < 0 ? eipReadTag : eipReadFragment);
-    eipPut16(w, asOne(t, u) ? 1 : u->count);
+    putPath(w, u->whole ? u->whole : tag->base, byInstance ? tag->instance : 0, u->first,
+            unitHasElement(t, u), fragment < 0 ? eipReadTag : eipReadFragment);
+    eipPut16(w, u->count);
     if (fragment >= 0)
         eipPut32(w, (epicsUInt32)fragment);
 }
@@ -428,13 +441,11 @@ eipLoad eipUnitLoad(const eipTags *t, const eipUnit *u, int byInstance)
     epicsUInt64 data = (epicsUInt64)u->count * u->size;
     eipLoad load;
 
-    if (asOne(t, u) && tag->elements > u->count)
-        data = (epicsUInt64)tag->elements * u->size;
     load.request = serviceHead + countBytes +
                    (unsigned)eipPathBytes(u->whole ? u->whole : tag->base,
                                           byInstance ? tag->instance : 0) +
-                   (hasElement(t, u) ? (unsigned)eipIndexBytes(firstElement(t, u)) : 0);
-    data += eipAnswerHead + (structure ? 4 : 2);
+                   (unitHasElement(t, u) ? (unsigned)eipIndexBytes(u->first) : 0);
+    data += eipAnswerHead + (structure ? 4 : 2) + (t->omron != 0); /* one byte is two there */
     load.answer = data > 0x7fffffff ? 0x7fffffff : (unsigned)data;
     return load;
 }

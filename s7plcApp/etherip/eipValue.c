@@ -79,7 +79,63 @@ static int checkBit(eipClient *c, const eipValue *v)
                 : eipClientFail(c, "bit %d; %s has no bits", v->name.bit, type->name);
 }
 
-int eipClientRead(eipClient *c, eipValue *v, unsigned count)
+static int isOmron(const eipClient *c)
+{
+    return c->connect.identity.known && c->connect.identity.vendor == eipVendorOmron;
+}
+
+void eipValueFirst(const eipClient *c, eipValue *v, unsigned count)
+{
+    if (isOmron(c) && count > 1 && !v->name.dimensions) {
+        v->name.dimensions = 1;
+        v->name.index[0] = 0;
+    }
+}
+
+/* The elements that were asked for: Omron has bytes behind a single one, or the whole array. */
+static void trim(eipValue *v, unsigned count)
+{
+    const eipType *type = eipTypeOf(v->data.code);
+    size_t length = (size_t)count * type->size;
+
+    if (type->code == eipBool && count == 1 && v->data.length)
+        v->bytes[0] &= 1; /* BOOLs in an array are bits */
+    if (type->size && v->data.length > length)
+        v->data.length = length;
+}
+
+/* As many elements at a time as fit for sure: Omron has no fragments. */
+static int readRuns(eipClient *c, eipValue *v, unsigned count)
+{
+    unsigned most = (c->connect.room - 40) / 8, at, n;
+    eipValue part = *v;
+    eipAnswer answer;
+    size_t got = 0;
+
+    for (at = 0; at < count; at += n, part.name.index[part.name.dimensions - 1] += n) {
+        eipWriter w = eipClientWriter(c);
+
+        n = count - at < most ? count - at : most;
+        eipValuePath(&w, &part.name, eipReadTag);
+        eipPut16(&w, n);
+        if (eipClientAsk(c, &w, &answer))
+            return -1;
+        if (answer.status) {
+            eipClientExplain(c, &v->name, count, &answer);
+            return -1;
+        }
+        if (eipDataTake(&answer, &part.data) || got + part.data.length > eipClientValueMax)
+            return eipClientFail(c, "answer not understood");
+        memcpy(v->bytes + got, part.data.bytes, part.data.length);
+        part.data.bytes = v->bytes + got;
+        trim(&part, n);
+        got += part.data.length;
+    }
+    v->data = (eipData){part.data.code, part.data.handle, v->bytes, got};
+    return 0;
+}
+
+static int readFragments(eipClient *c, eipValue *v, unsigned count)
 {
     eipAnswer answer;
     size_t got = 0;
@@ -106,6 +162,16 @@ int eipClientRead(eipClient *c, eipValue *v, unsigned count)
         got += answer.status == eipPartial ? wholeElements(&part) : part.length;
         v->data = (eipData){part.code, part.handle, v->bytes, got};
     } while (answer.status == eipPartial);
+    return 0;
+}
+
+int eipClientRead(eipClient *c, eipValue *v, unsigned count)
+{
+    eipValueFirst(c, v, count);
+    if (isOmron(c) && count > 1 ? readRuns(c, v, count) : readFragments(c, v, count))
+        return -1;
+    if (isOmron(c))
+        trim(v, count);
     if (checkBit(c, v))
         return -1;
     learnString(c, v);

@@ -352,6 +352,7 @@ static void openSession(eipWorker *w)
     w->limits.room = w->connect.room;
     w->limits.multiple = w->noMultiple ? 1 : w->connect.multiple;
     w->epoch = epicsMonotonicGet();
+    w->askMost = eipAskMost;
     epicsMutexMustLock(w->tagsLock);
     w->tags.omron = w->connect.identity.vendor == eipVendorOmron;
     epicsMutexUnlock(w->tagsLock);

@@ -24,6 +24,7 @@
 enum {
     eipClassesMax = 64, /* periods that differ; more share the fastest that is left */
     eipPlansMax = 32,
+    eipAskMost = 400, /* tags in one message */
     eipMessageMax = 65500,
     eipSilentTwice = 2 /* a PLC that was silent so often, when it was asked for this */
 };
@@ -121,6 +122,7 @@ struct eipWorker {
     eipAskKind asking;
     int noBrowse, noProgram, noModify; /* 2: the PLC has no such thing; 1: perhaps */
     int noMultiple;
+    unsigned askMost; /* tags whose types are asked for in one message */
     eipLimits limits;
     epicsUInt8 *frame, *message, *assembly;
     size_t assemblyRoom;

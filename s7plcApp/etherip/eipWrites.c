@@ -315,6 +315,12 @@ static void putType(eipWriter *m, const eipTag *tag)
         eipPut16(m, tag->handle);
 }
 
+/* A single BOOL of Omron: its value, and whether it is forced. */
+static int isTwoBytes(const eipWorker *w, const item *it)
+{
+    return w->tags.omron && it->count == 1 && w->tags.tags[it->tag].code == eipBool;
+}
+
 static void putItem(eipWorker *w, eipWriter *m, unsigned i, void *arg)
 {
     const batch *b = arg;
@@ -323,7 +329,7 @@ static void putItem(eipWorker *w, eipWriter *m, unsigned i, void *arg)
     size_t size = it->length / 2, k;
 
     if (it->kind == itemBits) {
-        eipTagPathPut(m, tag, it->index, eipReadModifyWrite);
+        eipTagPathPut(m, &w->tags, tag, it->index, eipReadModifyWrite);
         eipPut16(m, (unsigned)size);
         for (k = 0; k < size; k++) /* v = (v | or) & and */
             eipPut8(m, it->bytes[k] & it->bytes[size + k]);
@@ -331,10 +337,12 @@ static void putItem(eipWorker *w, eipWriter *m, unsigned i, void *arg)
             eipPut8(m, (it->bytes[k] | (epicsUInt8)~it->bytes[size + k]) & 0xff);
         return;
     }
-    eipTagPathPut(m, tag, it->index, eipWriteTag);
+    eipTagPathPut(m, &w->tags, tag, it->index, eipWriteTag);
     putType(m, tag);
     eipPut16(m, it->count);
     eipPutBytes(m, it->bytes, it->length);
+    if (isTwoBytes(w, it))
+        eipPut8(m, 0);
 }
 
 /* Of the request, its data, and the answer. */
@@ -343,9 +351,8 @@ static eipLoad loadOf(const eipWorker *w, const item *it)
     const eipTag *tag = &w->tags.tags[it->tag];
 
     return (eipLoad){
-        writeHead + 2 + (unsigned)(eipPathBytes(tag->base, 0) +
-                                   (it->index || tag->indexed ? eipIndexBytes(it->index) : 0) +
-                                   it->length),
+        writeHead + 2 + eipTagPathBytes(&w->tags, tag, it->index) + (unsigned)it->length +
+            (unsigned)isTwoBytes(w, it),
         eipAnswerHead + 4};
 }
 
@@ -372,22 +379,56 @@ static int writeBits(eipWorker *w, const item *it)
     eipData data;
     char reason[PLC_REASON_SIZE];
 
-    eipTagPathPut(&m, tag, it->index, eipReadTag);
+    eipTagPathPut(&m, &w->tags, tag, it->index, eipReadTag);
     eipPut16(&m, 1);
     if (eipWorkerAsk(w, &m, &answer))
         return -1;
-    if (!answer.status && (eipDataTake(&answer, &data) || data.length != size))
+    if (!answer.status && (eipDataTake(&answer, &data) || data.length < size))
         answer.status = eipGeneral;
     if (!answer.status) {
         for (k = 0; k < size; k++)
             raw[k] = (epicsUInt8)((data.bytes[k] & ~it->bytes[size + k]) |
                                   (it->bytes[k] & it->bytes[size + k]));
         m = eipWorkerWriter(w);
-        eipTagPathPut(&m, tag, it->index, eipWriteTag);
+        eipTagPathPut(&m, &w->tags, tag, it->index, eipWriteTag);
         putType(&m, tag);
         eipPut16(&m, 1);
         eipPutBytes(&m, raw, size);
         if (eipWorkerAsk(w, &m, &answer))
+            return -1;
+    }
+    eipWorkerReason(&answer, reason);
+    settleItem(w, it, answer.status ? reason : NULL);
+    return 0;
+}
+
+/* Writes some of the elements. */
+static int writePart(eipWorker *w, const item *it, unsigned from, unsigned count, eipAnswer *answer)
+{
+    size_t size = it->length / it->count;
+    item part = *it;
+    batch b = {&part, 1, 1, 0, 0};
+    eipWriter m = eipWorkerWriter(w);
+
+    part.index += from;
+    part.bytes += from * size;
+    part.count = count;
+    part.length = count * size;
+    putItem(w, &m, 0, &b);
+    return eipWorkerAsk(w, &m, answer);
+}
+
+/* A controller that has no fragments: as many elements at a time as fit. */
+static int writeRuns(eipWorker *w, const item *it)
+{
+    unsigned size = (unsigned)it->length / it->count, at, n;
+    unsigned most = (w->limits.room - (loadOf(w, it).request - (unsigned)it->length) - 4) / size;
+    eipAnswer answer = {0};
+    char reason[PLC_REASON_SIZE];
+
+    for (at = 0; at < it->count && !answer.status; at += n) {
+        n = it->count - at < most ? it->count - at : most;
+        if (writePart(w, it, at, n, &answer))
             return -1;
     }
     eipWorkerReason(&answer, reason);
@@ -409,7 +450,7 @@ static int writeLong(eipWorker *w, const item *it)
         size_t n = it->length - at < most ? it->length - at : most;
         eipWriter m = eipWorkerWriter(w);
 
-        eipTagPathPut(&m, tag, it->index, eipWriteFragment);
+        eipTagPathPut(&m, &w->tags, tag, it->index, eipWriteFragment);
         putType(&m, tag);
         eipPut16(&m, it->count);
         eipPut32(&m, (epicsUInt32)at);
@@ -426,23 +467,16 @@ static int writeLong(eipWorker *w, const item *it)
 /* Several elements of which the PLC refused one are written one by one. */
 static int writeApart(eipWorker *w, const item *it)
 {
-    size_t size = it->length / it->count;
     unsigned i;
 
     for (i = 0; i < it->wants; i++) {
         item one = *it;
-        batch b = {&one, 1, 1, 0, 0};
-        eipWriter m = eipWorkerWriter(w);
         eipAnswer answer;
         char reason[PLC_REASON_SIZE];
 
         one.want += i;
-        one.wants = one.count = 1;
-        one.index += i;
-        one.bytes += i * size;
-        one.length = size;
-        putItem(w, &m, 0, &b);
-        if (eipWorkerAsk(w, &m, &answer))
+        one.wants = 1;
+        if (writePart(w, it, i, 1, &answer))
             return -1;
         eipWorkerReason(&answer, reason);
         settleItem(w, &one, answer.status ? reason : NULL);
@@ -462,7 +496,7 @@ static void takeItem(eipWorker *w, unsigned i, const eipAnswer *answer, void *ar
         writeBits(w, it);
         return;
     }
-    if (answer->status == eipGeneral && answer->extended == eipExtType) {
+    if (eipAnswerIsOtherType(answer)) {
         epicsMutexMustLock(w->tagsLock);
         eipTagSetState(&w->tags, &w->tags.tags[it->tag], eipTagNew); /* it is another one now */
         epicsMutexUnlock(w->tagsLock);
@@ -500,7 +534,7 @@ static int sendBatch(eipWorker *w, batch *b)
             status = writeBits(w, it);
         } else if (!eipFitsAlone(&loads[b->from], &w->limits)) {
             n = 1;
-            status = writeLong(w, it);
+            status = w->tags.omron && it->count > 1 ? writeRuns(w, it) : writeLong(w, it);
         } else {
             for (i = b->from; i < b->from + n; i++)
                 if (b->items[i].kind == itemBits)

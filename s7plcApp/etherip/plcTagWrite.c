@@ -113,11 +113,12 @@ static int putText(eipClient *c, eipWriter *w, const eipValue *v, const char *te
     return 0;
 }
 
-static int putNumbers(eipClient *c, eipWriter *w, const eipValue *v, const eipType *type,
-                      char **words, int count)
+static int putNumbers(eipClient *c, eipWriter *w, eipValue *v, const eipType *type, char **words,
+                      int count)
 {
     int i;
 
+    eipValueFirst(c, v, (unsigned)count);
     eipValuePath(w, &v->name, eipWriteTag);
     eipPut16(w, type->code);
     eipPut16(w, (unsigned)count);
@@ -129,13 +130,15 @@ static int putNumbers(eipClient *c, eipWriter *w, const eipValue *v, const eipTy
             return refuseNumber(c, words[i], type);
         eipPutBytes(w, raw, type->size);
     }
+    if (c->connect.identity.vendor == eipVendorOmron && type->code == eipBool && count == 1)
+        eipPut8(w, 0); /* is it forced? */
     if (w->full || w->n > c->connect.room)
         return refuse(c, "%d values do not fit one message of %u bytes; allowed: fewer at a time", count,
                       c->connect.room);
     return 0;
 }
 
-static int writeValue(eipClient *c, const eipValue *v, char **words, int count)
+static int writeValue(eipClient *c, eipValue *v, char **words, int count)
 {
     const eipType *type = eipTypeOf(v->data.code);
     eipWriter w = eipClientWriter(c);

@@ -801,7 +801,7 @@ static void testUnits(void)
     eipTagsFree(&t);
 }
 
-/* A row of an array of more than one dimension, as Omron reads it: whole, from its beginning. */
+/* A row of an array of more than one dimension, as Omron reads it: from the element that is wanted. */
 static void testOmronRow(void)
 {
     eipWant *w = calloc(1, sizeof(*w));
@@ -816,7 +816,7 @@ static void testOmronRow(void)
     learn(&t, "Grid[1]", "C4 00 01 00 00 00");
     eipUnitsMake(&t);
     putOf(&t, &t.units[0], hex);
-    testOk(strcmp(hex, "4C 05 91 04 47 72 69 64 28 01 28 00 01 00") == 0, "Omron's row: %s", hex);
+    testOk(strcmp(hex, "4C 05 91 04 47 72 69 64 28 01 28 02 03 00") == 0, "Omron's row: %s", hex);
     eipTagsFree(&t);
 }
 

@@ -128,17 +128,31 @@ static void testRefused(void)
                round ? "unless its record has come anew" : "it stays refused when another one comes, which is not");
     }
     out = eipWriterOf(bytes, sizeof(bytes));
-    eipTagPathPut(&out, &t.tags[0], 2, eipWriteTag);
+    eipTagPathPut(&out, &t, &t.tags[0], 2, eipWriteTag);
     isBytes("a write goes by name, to its element", &out, "4D 03 91 01 41 00 28 02");
     out = eipWriterOf(bytes, sizeof(bytes));
-    eipTagAskPut(&out, &t.tags[0]);
+    eipTagAskPut(&out, &t, &t.tags[0]);
     isBytes("the question for the type is one element", &out, "4C 02 91 01 41 00 01 00");
     t.omron = 1;
-    t.tags[0].elements = 100;
-    testOk(eipUnitLoad(&t, &t.units[0], 0).answer == 4 + 2 + 400,
-           "an Omron answers with all 100 elements");
-    t.tags[0].elements = 2;
-    testOk(eipUnitLoad(&t, &t.units[0], 0).answer == 4 + 2 + 12, "not with fewer than were asked for");
+    out = eipWriterOf(bytes, sizeof(bytes));
+    eipUnitPut(&out, &t, &t.units[0], 0, -1);
+    isBytes("to an Omron the first element stands in the path", &out,
+            "4C 03 91 01 41 00 28 00 03 00");
+    testOk(eipUnitLoad(&t, &t.units[0], 0).request == 10 &&
+               eipUnitLoad(&t, &t.units[0], 0).answer == 4 + 2 + 12 + 1,
+           "with its bytes; the answer has what was asked for");
+    out = eipWriterOf(bytes, sizeof(bytes));
+    eipTagAskPut(&out, &t, &t.tags[0]);
+    isBytes("the question for the type too", &out, "4C 03 91 01 41 00 28 00 01 00");
+    t.wants[0].index = 1;
+    out = eipWriterOf(bytes, sizeof(bytes));
+    eipTagAskPut(&out, &t, &t.tags[0]);
+    isBytes("and it is about an element that is wanted", &out, "4C 03 91 01 41 00 28 01 01 00");
+    testOk(eipTagAskBytes(&t, &t.tags[0]) == 6, "whose path has 6 bytes");
+    t.tags[0].array = 0;
+    out = eipWriterOf(bytes, sizeof(bytes));
+    eipTagPathPut(&out, &t, &t.tags[0], 0, eipWriteTag);
+    isBytes("what is no array has none", &out, "4D 02 91 01 41 00");
     t.units[0].count = 0x7fffffff;
     testOk(eipUnitLoad(&t, &t.units[0], 0).answer == 0x7fffffff, "the load of too much has an end");
     eipTagsFree(&t);
@@ -175,11 +189,11 @@ static void testTextKinds(void)
     for (i = 0; i < 128; i++)
         memcpy(base + 2 * i, "a.", 2);
     base[255] = 0;
-    eipTagAskPut(&out, &long_);
+    eipTagAskPut(&out, &t, &long_);
     testOk(out.full, "what has a path of 512 bytes is not asked for");
     out = eipWriterOf(bytes, sizeof(bytes));
     long_.base = "a.";
-    eipTagAskPut(&out, &long_);
+    eipTagAskPut(&out, &t, &long_);
     testOk(out.full, "nor what has none");
 }
 
