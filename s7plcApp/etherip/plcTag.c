@@ -47,16 +47,21 @@ static struct {
 static void stop(const char *format, ...) EPICS_PRINTF_STYLE(1, 2);
 static void wrong(const char *format, ...) EPICS_PRINTF_STYLE(1, 2);
 
+static void end(int status, const char *format, va_list args, const char *behind)
+{
+    fputs("plcTag: ", stderr);
+    vfprintf(stderr, format, args);
+    fputs(behind, stderr);
+    exit(status);
+}
+
 static void stop(const char *format, ...)
 {
     va_list args;
 
-    fputs("plcTag: ", stderr);
     va_start(args, format);
-    vfprintf(stderr, format, args);
+    end(1, format, args, "\n");
     va_end(args);
-    fputc('\n', stderr);
-    exit(1);
 }
 
 /* The command line is wrong. */
@@ -64,12 +69,9 @@ static void wrong(const char *format, ...)
 {
     va_list args;
 
-    fputs("plcTag: ", stderr);
     va_start(args, format);
-    vfprintf(stderr, format, args);
+    end(2, format, args, "; plcTag -h says more\n");
     va_end(args);
-    fputs("; plcTag -h says more\n", stderr);
-    exit(2);
 }
 
 /* --- Commands ------------------------------------------------------------------------------ */

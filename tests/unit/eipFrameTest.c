@@ -587,6 +587,10 @@ static const struct {
     {0x16, 0, "no such object (16)"},
     {0x1e, 0, "one of several has failed (1E)"},
     {0x20, 0, "parameter not valid (20)"},
+    {0x20, 0x8017, "is no array (20 8017)"},
+    {0x20, 0x8018, "index beyond the end (20 8018)"},
+    {0x20, 0x8022, "tag has another type (20 8022)"},
+    {0x20, 0x8009, "parameter not valid (20 8009)"},
     {0x26, 0, "path size not valid (26)"},
     {0xff, 0x2104, "offset beyond the end (FF 2104)"},
     {0xff, 0x2105, "index beyond the end (FF 2105)"},
@@ -624,6 +628,26 @@ static void testStatusWords(void)
     for (i = 0; i < COUNT(frameWords); i++)
         testOk(strcmp(eipFrameStatusText(frameWords[i].status), frameWords[i].text) == 0,
                "of a frame: %s", eipFrameStatusText(frameWords[i].status));
+}
+
+/* What each make of controller says. */
+static void testKinds(void)
+{
+    static const struct {
+        unsigned status, extended;
+        int isEnd, isOtherType;
+    } rows[] = {{0xff, 0x2105, 1, 0}, {0x20, 0x8018, 1, 0}, {0xff, 0x8018, 0, 0}, {0x20, 0x2105, 0, 0},
+                {0xff, 0x2107, 0, 1}, {0x20, 0x8022, 0, 1}, {0xff, 0x8022, 0, 0}, {0x20, 0x2107, 0, 0},
+                {0x05, 0x2105, 0, 0}, {0x20, 0x8017, 0, 0}, {0xff, 0, 0, 0}};
+    size_t i;
+
+    for (i = 0; i < COUNT(rows); i++) {
+        eipAnswer a = {.status = rows[i].status, .extended = rows[i].extended};
+
+        testOk(eipAnswerIsEnd(&a) == rows[i].isEnd && eipAnswerIsOtherType(&a) == rows[i].isOtherType,
+               "%02X %04X is%s", a.status, a.extended,
+               rows[i].isEnd ? " beyond the end" : rows[i].isOtherType ? " another type" : " neither");
+    }
 }
 
 static void testWords(void)
@@ -664,5 +688,6 @@ MAIN(eipFrameTest)
     testSteps();
     testWords();
     testStatusWords();
+    testKinds();
     return testDone();
 }

@@ -447,6 +447,15 @@ static void testTypes(void)
     testOk(eipNumberParse(eipTypeNamed("UINT"), "-1", &number) == -1, "a UINT has no sign");
     testOk(eipNumberParse(eipTypeNamed("UINT"), "0x10", &number) == 0 && number.u.integer == 16,
            "0x10 is 16");
+    testOk(eipNumberParse(eipTypeNamed("DINT"), "-0X10", &number) == 0 && number.u.integer == -16,
+           "-0X10 is -16");
+    testOk(eipNumberParse(eipTypeNamed("DINT"), "010", &number) == 0 && number.u.integer == 10,
+           "010 is 10");
+    testOk(eipNumberParse(eipTypeNamed("UINT"), "010", &number) == 0 && number.u.integer == 10,
+           "without a sign too");
+    testOk(eipNumberParse(boolean, "2", &number) == -1 &&
+               eipNumberParse(boolean, "1", &number) == 0 && number.u.integer == 1,
+           "a BOOL is 1, but not 2");
     testOk(!eipTextGet(eipStringCode, raw, 1, &n), "one byte is no string with two for the length");
     testOk(!eipTextGet(eipStringCode, raw, 4, &n), "nor are two characters one of three");
     raw[0] = 2;
