@@ -2,7 +2,7 @@
  * does nothing.
  *
  * What is known of Omron NJ and NX: their manual W506, sections 8-4-5 (paths, ranges of an
- * array), 8-6 (services 4C and 4D) and 8-7 (formats: BOOL, arrays); the extended status 8017
+ * array), 8-6 (services 4C and 4D) and 8-7 (types, formats of BOOL and arrays); the extended status 8017
  * of NX1P2 in libplctag.NET 381, the others in libplctag 466; no fragments in libplctag 308 and
  * 430; no byte behind one that is written in libplctag 457; answers that are too long in
  * libplctag 307 and 454. Not known, and stricter here than perhaps there: a BOOL that is written

@@ -41,6 +41,15 @@ static const simEipType elementary[] = {
     {.name = "LWORD", .kind = eipUnsigned, .code = 0xD4, .size = 8, .align = 8},
 };
 
+/* Omron's own; the values of DATE_NSEC and those like it are nanoseconds. */
+static const simEipType omrons[] = {
+    {.name = "ENUM",               .kind = eipInteger, .code = 0x07, .size = 4, .align = 4},
+    {.name = "DATE_NSEC",          .kind = eipInteger, .code = 0x08, .size = 8, .align = 8},
+    {.name = "TIME_NSEC",          .kind = eipInteger, .code = 0x09, .size = 8, .align = 8},
+    {.name = "DATE_AND_TIME_NSEC", .kind = eipInteger, .code = 0x0A, .size = 8, .align = 8},
+    {.name = "TIME_OF_DAY_NSEC",   .kind = eipInteger, .code = 0x0B, .size = 8, .align = 8},
+};
+
 static const simEipType shortText = {.name = "STRING",
                                      .kind = eipShortText,
                                      .code = 0xDA,
@@ -85,6 +94,11 @@ static const simEipType *findElementary(const char *name)
     return NULL;
 }
 
+static int isOmron(const simEipTypes *types)
+{
+    return types->string->kind == eipLongText;
+}
+
 const simEipType *simEipTypeFind(const simEipTypes *types, const char *name)
 {
     size_t i;
@@ -94,6 +108,9 @@ const simEipType *simEipTypeFind(const simEipTypes *types, const char *name)
     for (i = 0; i < types->count; i++)
         if (!strcasecmp(name, types->list[i]->name))
             return types->list[i];
+    for (i = 0; isOmron(types) && i < sizeof(omrons) / sizeof(omrons[0]); i++)
+        if (!strcasecmp(name, omrons[i].name))
+            return &omrons[i];
     return findElementary(name);
 }
 
@@ -182,7 +199,7 @@ int simEipTypeParse(const simEipTypes *types, const char *text, const simEipType
     if ((epicsUInt64)dims[0] * (dims[1] ? dims[1] : 1) * (dims[2] ? dims[2] : 1) >
         MAX_ELEMENTS)
         return simFail(error, "\"%.40s\": more than %u elements", text, MAX_ELEMENTS);
-    if ((*type)->kind != eipBool || types->string->kind == eipLongText)
+    if ((*type)->kind != eipBool || isOmron(types))
         return 0; /* Omron has arrays of BOOL, one byte each here */
     if (dims[1] || dims[0] % 32)
         return simFail(error,

@@ -39,6 +39,11 @@ const eipType eipTypes[] = {
     {"LTIME",        0xd7,             eipSigned,    8},
     {"ITIME",        0xd8,             eipSigned,    2},
     {"TIME",         0xdb,             eipSigned,    4},
+    {"ENUM",         0x07,             eipSigned,    4}, /* from here on Omron's: */
+    {"DATE_NSEC",    0x08,             eipSigned,    8},
+    {"TIME_NSEC",    0x09,             eipSigned,    8},
+    {"DATE_AND_TIME_NSEC", 0x0a,       eipSigned,    8},
+    {"TIME_OF_DAY_NSEC",   0x0b,       eipSigned,    8},
     {"STRUCT",       eipStructureCode, eipStructure, 0},
     {NULL,           0,                0,            0},
 };

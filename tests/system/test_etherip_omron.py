@@ -114,6 +114,21 @@ def test_structures_and_texts(plant):
     good(plant, "vo", "po0", "po3", "on", "ap", "bit", "n", "t", "t2", "t0")
 
 
+def test_own_types(plant):
+    """Omron: ENUM and its times in nanoseconds are whole numbers"""
+    plant.tags("tag E ENUM = 3", "tag D DATE_AND_TIME_NSEC[2] = 1700000000000000", "tag T TIME_NSEC = -5", profile="omron")
+    plant.records(rec("mbbi", "e", "E S 0.05"), rec("longout", "eo", "E S 0.05"), rec("int64in", "d", "D[1] S 0.05"),
+                  rec("int64out", "t", "T S 0.05"))
+    plant.ioc.wait_value("e", 3)
+    plant.ioc.wait_value("d", 1700000000000000)
+    plant.ioc.wait_value("t", -5)
+    plant.ioc.put("eo", 4)
+    plant.ioc.put("t", 10**12)
+    plant.ioc.wait_value("e", 4)
+    plant.wait_tag("T", str(10**12))
+    assert "E=4" in subprocess.run([PLC_TAG, f"127.0.0.1:{plant.port}", "read", "E"], capture_output=True, text=True).stdout
+
+
 def test_many_texts(plant):
     """Omron: texts that are too long for one answer do not make messages smaller for good"""
     plant.tags(*(f'tag T{n} STRING = {"x" * 200}' for n in range(40)), *(f"tag D{n} DINT" for n in range(40)), profile="omron")
