@@ -23,6 +23,15 @@ static pairWorld w;
 #define seen(which) pairWorldSeen(&w, which)
 #define waitFor(condition) pairWorldWait(&w, condition)
 
+/* Why the last connection ended. */
+static const char *lastError(void)
+{
+    static plcStats stats;
+
+    plcStationStats(w.station, &stats);
+    return stats.lastError;
+}
+
 static void beginWorld(const char *name, size_t outSize)
 {
     pairWorldBegin(&w, name, outSize, RECV_TIMEOUT, PERIOD);
@@ -94,6 +103,8 @@ static void bothSend(void)
            "two PRIMARIES, the present one stops: the other leads");
     testOk(waitFor(!w.now.twoPrimaries) && w.now.switchovers == 2 && !w.gap,
            "one more switch-over, data valid all the time");
+    testOk(waitFor(strcmp(lastError(), "silent; its connection is made anew") == 0),
+           "is SECOND still there? %s", lastError());
 }
 
 static void closing(void)
@@ -207,6 +218,8 @@ static void halfSent(void)
     waitFor(!plcImageDirty(plcStationOutput(w.station)));
     pairPeerSend(w.plc[1], 1);
     testOk(waitFor(w.now.primary == pairSecond), "SECOND leads");
+    testOk(waitFor(strcmp(lastError(), "leads no longer, output discarded") == 0),
+           "what was on its way to FIRST is dropped: %s", lastError());
     testOk(waitFor(pairPeerCount(w.plc[1], 200) == 1), "SECOND gets the whole block");
     i = seen(0).connects;
     pairPeerSend(w.plc[0], 0);
@@ -338,7 +351,7 @@ static void readBack(int track)
 
 MAIN(pairTest)
 {
-    testPlan(69 + 2 * 6);
+    testPlan(71 + 2 * 6);
     configure();
     plcStationsDestroy();
     start();

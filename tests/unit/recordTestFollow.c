@@ -6,6 +6,7 @@
 
 #include <callback.h>
 #include <dbAccess.h>
+#include <dbUnitTest.h>
 #include <epicsEvent.h>
 #include <epicsStdio.h>
 #include <epicsUnitTest.h>
@@ -49,6 +50,8 @@ static const struct {
      "52", "1"},
     {"mbboDirect", "direct", "OUT=@P/30 T=BYTE|NOBT=2|VAL=1", 30, "56", "2", "52", "2"},
     {"mbbo", "raw", "OUT=@P/31 T=BYTE|NOBT=4|VAL=1", 31, "0c", "12", "03", "3"},
+    {"mbbo", "noState", "OUT=@P/31 T=BYTE|NOBT=2|SHFT=4|ZRVL=1|ONVL=2|VAL=0", 31, "3c", NULL,
+     "33", NULL},
     {"stringout", "text", "OUT=@P/32 L=6|VAL=old", 32, "706c63000000", "plc", "6e6577657221",
      "newer!"},
     {"lso", "longText", "OUT=@P/38 L=4|SIZV=20", 38, "61620000", "ab", "00000000", ""},
@@ -125,6 +128,8 @@ static void follow(int later)
         testOk(isNow(rows[i].name, value) && strcmp(get(pv), "NO_ALARM") == 0,
                "%s %s takes %s", rows[i].type, rows[i].name, value);
     }
+    testDiag("an mbbo without a state for the value:");
+    testdbGetFieldEqual("noState", DBR_LONG, 65535);
 }
 
 /* True when nothing leaves although the station looked around, twice. */
@@ -503,7 +508,7 @@ static void testQueueFull(void)
 
 MAIN(recordTestFollow)
 {
-    testPlan(2 * (2 + 25 + 1 + 1 + 25 + 1) + 25 + 6 + 5 + 11 + 12 + 4 + 4);
+    testPlan(2 * (2 + 26 + 1 + 1 + 26 + 1) + 26 + 6 + 5 + 11 + 12 + 4 + 4);
     testFollow("NO");
     testFollow("YES");
     testTrack();

@@ -65,6 +65,8 @@ static const struct {
     {"ai UINT32 goes through a breakpoint table", "ai", " T=DWORD", "LINR=typeKdegC",
      "00000000",
      "VAL", "0"},
+    {"ai beyond its breakpoint table has a SOFT alarm", "ai", " T=DWORD", "LINR=typeKdegC",
+     "ffffffff", "STAT", "SOFT"},
     {"ai float goes to VAL as it is", "ai", " T=FLOAT", "", "c0490fdb", "VAL",
      "-3.14159274101257"},
     {"ai float uses ASLO and AOFF", "ai", " T=FLOAT", "ASLO=2|AOFF=1", "41200000", "VAL",

@@ -629,6 +629,7 @@ static void testMove(void)
     testOk(plcStationMove(s, text, error, sizeof(error)) == 0, "moved");
     fd2 = toolAccept(listener2);
     testOk(fd2 >= 0 && toolClosed(fd), "the new PLC is connected, the old one is not");
+    testOk(strcmp(stats(s).lastError, "PLC address changed") == 0, "last error: %s", stats(s).lastError);
     plcStationAddress(s, error, sizeof(error));
     testOk(strcmp(error, text) == 0, "its address is %s", error);
     testOk(blockArrives(s, fd2, 2), "and its blocks are data");
@@ -1256,7 +1257,7 @@ static void testStuck(void)
 
 MAIN(stationTest)
 {
-    testPlan(138 + 7 + 1);
+    testPlan(139 + 7 + 1);
     eltc(0); /* the log is for people; here the test speaks */
     testFirstBlock();
     testClosed();
