@@ -109,6 +109,7 @@ def test_random_sizes(new_peer, new_ioc):
     peer.wait_connected()
     peer.every(0.004, lambda: chance.randbytes(chance.randrange(1, 200)))
     ioc.wait_log("no block size that fits inSize 64")
+    ioc.wait_alarm("in", "INVALID", "COMM", "PLC sends no blocks of 64 bytes", ask=True)
     ioc.wait_alarm("in", "INVALID")
     assert len(ioc.log.splitlines()) < 60
 

@@ -801,6 +801,14 @@ def test_timeout(new_modbus, new_ioc):
     ioc.wait_alarm("out", "NO_ALARM")
 
 
+def test_no_answer_yet(new_modbus, new_ioc):
+    """a server that takes the first connection and has not answered yet: AMSG says so"""
+    peer = new_modbus()
+    peer.silent = True
+    ioc = new_ioc(peer.configure("holding 0 10", timeout=60000), PROBE)
+    ioc.wait_alarm("in", "INVALID", "COMM", "connected, waiting for first answer", ask=True)
+
+
 def test_output_connected(new_modbus, new_ioc):
     """outputConnected stays 0 while a server takes connections and answers nothing"""
     peer = new_modbus()

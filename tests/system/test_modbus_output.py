@@ -4,6 +4,7 @@ import random
 import re
 import struct
 import subprocess
+import threading
 import time
 
 import epics
@@ -428,6 +429,26 @@ def test_read_first(new_station):
     assert set(range(100, 500)) <= reads
     assert s.plc.written() == set(range(100, 110))
     assert {r.function for r in s.plc.writes()} == {16}
+
+
+def test_first_answer(new_station):
+    """a put before all registers are read says what it waits for, and leaves behind that; only beside one that follows"""
+    s = new_station(words(1) + """
+        record(longout, "$(P)follower") { field(DTYP, "S7plc") field(OUT, "@PLC/2 T=INT16 R=4") }""",
+                    "requestTimeout 60000", start=False)
+    go_on = threading.Event()
+
+    def late(request, frame):  # the first registers come, the next ones do not
+        return go_on.wait(60) and frame if request.start > 100 else frame
+    s.plc.mangle = late
+    s.start(ready=False)
+    until(lambda: s.plc.answers, "the first answer")
+    s.ioc.put("o0", 7, wait=False)
+    s.ioc.wait_alarm("o0", "INVALID", "COMM", "waits for the PLC's first answer")
+    assert s.writes() == []
+    go_on.set()
+    s.wait_register(0, 7)
+    s.ioc.wait_alarm("o0", "NO_ALARM")
 
 
 @pytest.mark.parametrize("how", ["R=", "track=on"])

@@ -58,6 +58,17 @@ def test_late_name(need_root, new_ioc, new_peer, tmp_path):
     ioc.wait_value("in", 5)
 
 
+@pytest.mark.parametrize("route, reason", [("", "network unreachable"),
+                                           ("ip route add unreachable 10.9.0.0/16 && ", "no route to PLC")])
+def test_unreachable(need_root, new_ioc, route, reason):
+    """a PLC in a network to which there is no way: the log and AMSG say "{reason}\""""
+    ioc = new_ioc('s7plcConfigure("PLC", "10.9.0.1", 2000, 4, 0, 1, 2000, 100)', IN,
+                  wrapper=["unshare", "-n", "sh", "-c", f'ip link set lo up && {route}exec "$@"', "sh"])
+    ioc.wait_log(f"cannot connect to 10.9.0.1 port 2000: {reason}")
+    # it has a network of its own: no Channel Access reaches it
+    until(lambda: reason in ioc.command(f"dbgf {ioc.P}in.AMSG"), lambda: ioc.command(f"dbpr {ioc.P}in 4"))
+
+
 class DeafNameServer:
     """Takes questions on 127.0.0.77, the address of no machine, and never answers."""
 

@@ -189,6 +189,17 @@ def test_put_while_checking(pair_of):
     until_equal(lambda: speed(sim), 6)
 
 
+def test_no_block(new_peer, new_ioc):
+    """a PLC that takes the connection and shows nothing yet: puts are refused with the reason, nothing is sent"""
+    peer = new_peer(32, 24)
+    ioc = new_ioc(configure(peer.port), database())
+    peer.wait_connected()
+    wait_state(ioc, "waiting")
+    ioc.put("Speed", 5)
+    assert ioc.alarm("Speed") == ("INVALID", "WRITE", "not synchronised: no block yet")
+    assert not peer.connection.received
+
+
 def test_local(pair_of):
     """in LOCAL a put is refused, the HMI's values are followed, and going REMOTE moves nothing"""
     sim, ioc = pair_of()

@@ -318,12 +318,16 @@ def test_hundred_rows(new_plc, new_table_ioc):
     ioc = new_table_ioc(plc.port, ptr, text=DB.replace("/44", "/220"), sizes="240, 32",
                         start=False)
     ioc.start()
-    seen = [0]
+    seen, alarms = [0], set()
 
     def done():
+        if seen[-1]:
+            ioc.put("Speed", 5)
+            alarms.add(ioc.alarm("Speed"))
         seen.append(ioc.get("Map:Progress"))
         return seen[-1] == 100
     until(done, lambda: f"100 %: {seen[-1]}\n{ioc.log}")
+    assert ("INVALID", "WRITE", "PLC is getting its table of pointers") in alarms, alarms
     wait_synced(ioc)
     assert commands(plc) == [1] + 101 * [2] + [3]       # 2010 bytes, 20 a block
     assert seen == sorted(seen) and plc_crc(plc) == crc(ptr)
