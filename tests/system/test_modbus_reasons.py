@@ -120,6 +120,21 @@ def test_connection_at_start(new_modbus, new_ioc):
         assert len(said) <= 2 and connected[i] == [0], (fault, said, connected[i])
 
 
+@pytest.mark.parametrize("outputs", ["holding 20 10", ""])
+def test_bad_inputs(new_modbus, ioc_of, outputs):
+    """a PLC that answers reads of outputs ("{outputs}") well and each read of inputs badly: that is said once, and once that it is over"""
+    plc = new_modbus()
+    plc.mangle = lambda request, frame: frame[:7] + b"\3" + frame[8:] if request.function == 4 else frame
+    ioc = ioc_of(plc.configure("input 0 10 every 20", outputs, timeout=200))
+    until(lambda: attempts(ioc) >= 6, "six attempts")
+    assert len(errors_in(ioc.log)) == 1 and "bad answer: function 3 instead of 4" in errors_in(ioc.log)[0], ioc.log
+    assert "answered again" not in ioc.log and ioc.log_count(" connected to") == 1, ioc.log
+    plc.mangle = None
+    ioc.wait_alarm("in", "NO_ALARM")
+    ioc.wait_log("requests are answered again")
+    assert ioc.log_count("answered again") == 1 and len(errors_in(ioc.log)) == 1, ioc.log
+
+
 def test_no_answer_to_connect(ioc_of, black_hole):
     """an address that answers no connect: the same"""
     ioc = ioc_of(f'modbusplcConfigure("PLC", "127.0.0.1", {black_hole.port}, 1, "holding 0 10", "holding 20 10", 200)\n'

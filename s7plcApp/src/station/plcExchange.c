@@ -378,7 +378,8 @@ static void outputsTake(plcStation *s, char *shown)
                  plcReadbackTake(s->tracked, shown, hidden, s->out);
         forgetFaults(s, shown);
     }
-    answered(s);
+    if (!s->inSize || plcLineIsOutput(s, x->line)) /* else the first input tells */
+        answered(s);
     plcImageAway(s->out, 0);
     for (i = 0; shown && x->hides && i < plcImageSize(s->out); i++)
         shown[i] = (char)(shown[i] ^ x->hidden[i]);
