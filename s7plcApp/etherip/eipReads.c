@@ -389,7 +389,7 @@ static int readRuns(eipWorker *w, const eipUnit *u, eipAnswer *answer, eipData *
 {
     size_t all = (size_t)u->count * u->size, got, length;
     unsigned head = eipUnitLoad(&w->tags, u, 0).answer - (unsigned)all;
-    unsigned most = (w->limits.room - head) / u->size;
+    unsigned most = w->limits.room < head + u->size ? 1 : (w->limits.room - head) / u->size, code = 0;
     eipUnit run = *u;
     eipData part = {0};
 
@@ -404,10 +404,11 @@ static int readRuns(eipWorker *w, const eipUnit *u, eipAnswer *answer, eipData *
             return -1;
         if (answer->status)
             return 0;
-        if (eipDataTake(answer, &part) || part.length < length) {
+        if (eipDataTake(answer, &part) || part.length < length || (got && part.code != code)) {
             strcpy(w->lost, "part of an array not understood");
             return -1;
         }
+        code = part.code;
         assemble(w, got, part.bytes, length);
     }
     *data = (eipData){part.code, part.handle, w->assembly, got};

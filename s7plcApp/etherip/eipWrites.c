@@ -422,7 +422,8 @@ static int writePart(eipWorker *w, const item *it, unsigned from, unsigned count
 static int writeRuns(eipWorker *w, const item *it)
 {
     unsigned size = (unsigned)it->length / it->count, at, n;
-    unsigned most = (w->limits.room - (loadOf(w, it).request - (unsigned)it->length) - 4) / size;
+    unsigned head = loadOf(w, it).request - (unsigned)it->length + 4; /* and an index that grows */
+    unsigned most = w->limits.room < head + size ? 1 : (w->limits.room - head) / size;
     eipAnswer answer = {0};
     char reason[PLC_REASON_SIZE];
 
