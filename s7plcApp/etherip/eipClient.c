@@ -46,16 +46,17 @@ void eipClientDestroy(eipClient *c)
     free(c);
 }
 
-static int begin(eipClient *c, const char *host)
+static int begin(eipClient *c)
 {
     char name[256], why[100];
+    const char *host = c->host;
     epicsInt32 port = eipTcpPort;
     const char *colon = strchr(host, ':');
 
     epicsSnprintf(name, sizeof(name), "%.*s", (int)strcspn(host, ":"), host);
     if (!*name || strchr(host, '/') || (colon && strchr(colon + 1, ':')))
         return eipClientFail(c, "host \"%.60s\"; allowed: a name or an address as 10.0.0.5, with or without :port",
-                    host);
+                             host);
     if (colon && (epicsParseInt32(colon + 1, &port, 10, NULL) || port < 1 || port > 65535))
         return eipClientFail(c, "port %.40s; allowed: 1 to 65535", colon + 1);
     if (eipSocketConnect(&c->socket, name, (unsigned)port, c->timeout, why, sizeof(why)))
@@ -65,14 +66,12 @@ static int begin(eipClient *c, const char *host)
 }
 
 /* Some close the connection at what they do not know: then it is left out. */
-int eipClientOpen(eipClient *c, const char *host)
+static int dial(eipClient *c)
 {
     char why[100] = "";
     size_t n, length;
 
-    if (host != c->host)
-        epicsSnprintf(c->host, sizeof(c->host), "%s", host);
-    if (begin(c, host))
+    if (begin(c))
         return -1;
     while ((n = eipConnectNext(&c->connect, c->frame, eipFrameMax)) != 0) {
         eipOutcome outcome =
@@ -80,10 +79,10 @@ int eipClientOpen(eipClient *c, const char *host)
 
         if (outcome == eipAnswered) {
             if (eipConnectTake(&c->connect, c->socket.buffer, length, why, sizeof(why)))
-                return eipClientFail(c, "%.60s: %s", host, why);
+                return eipClientFail(c, "%.60s: %s", c->host, why);
         } else if (!eipConnectNoAnswer(&c->connect)) {
-            return eipClientFail(c, "%.60s: %s", host, why);
-        } else if (begin(c, host)) {
+            return eipClientFail(c, "%.60s: %s", c->host, why);
+        } else if (begin(c)) {
             return -1;
         }
     }
@@ -91,11 +90,17 @@ int eipClientOpen(eipClient *c, const char *host)
     return 0;
 }
 
+int eipClientOpen(eipClient *c, const char *host)
+{
+    epicsSnprintf(c->host, sizeof(c->host), "%s", host);
+    return dial(c);
+}
+
 int eipClientReopen(eipClient *c)
 {
     eipSocketClose(&c->socket);
     eipTemplatesClear(&c->templates);
-    return eipClientOpen(c, c->host);
+    return dial(c);
 }
 
 void eipClientClose(eipClient *c)
