@@ -408,6 +408,11 @@ static const struct {
     {"ITIME",        0xd8,   2, eipSigned   },
     {"SHORT_STRING", 0xda,   0, eipText     },
     {"TIME",         0xdb,   4, eipSigned   },
+    {"ENUM",         0x07,   4, eipSigned   },
+    {"DATE_NSEC",    0x08,   8, eipSigned   },
+    {"TIME_NSEC",    0x09,   8, eipSigned   },
+    {"DATE_AND_TIME_NSEC", 0x0a, 8, eipSigned},
+    {"TIME_OF_DAY_NSEC", 0x0b, 8, eipSigned },
     {"STRUCT",       0x02a0, 0, eipStructure},
 };
 
