@@ -353,7 +353,7 @@ static int beat(plcModbus *m)
     m->beatRest = 0;
     s->beat = s->beat ? plcWorkerNext(s->beat, period, now) : now + period;
     m->registers[0] = ++m->beatCount;
-    s->mayBeSilent = m->beatDoubt && !o->rtu && !o->anyTransaction;
+    s->mayBeSilent = m->beatDoubt;
     status = plcWorkerAsk(m, &q);
     s->mayBeSilent = 0;
     if (status == PLC_WORKER_SILENT || (status < 0 && s->lost[0]))

@@ -64,6 +64,7 @@ static void setRelay(plcModbus *m, const plcRequest *q)
         .anyUnit = o->anyUnit,
         .anyTransaction = o->anyTransaction,
         .keepSilent = m->units > 1 || m->session.mayBeSilent,
+        .mayFail = m->session.mayBeSilent,
         .rtu = o->rtu};
 
     plcModbusRelaySetOptions(m->relay, &options);

@@ -331,15 +331,14 @@ static int converse(plcModbusSocket *s, plcFrame *q, plcFrame *a, epicsUInt64 de
            receiveRtu(s, q, a, deadline, o, x) || plcFrameCheck(q, a, x);
 }
 
-/* On a new connection where the PLC has closed the old one. */
-int plcModbusSocketAsk(plcModbusSocket *s, plcFrame *q, plcFrame *a,
-                       const plcModbusRequestOptions *o, plcModbusResult *x)
+/* Request out, answer in; once more where the PLC has closed the connection instead. */
+static int askOnIt(plcModbusSocket *s, plcFrame *q, plcFrame *a,
+                   const plcModbusRequestOptions *o, plcModbusResult *x)
 {
     epicsUInt64 start = epicsMonotonicGet();
     epicsUInt64 deadline = start + (epicsUInt64)(o->timeout * 1e6);
     plcModbusResult first;
 
-    q->bytes[plcFrameUnit] = (epicsUInt8)o->unit; /* libmodbus would refuse 248 to 254 */
     if (makeReady(s, deadline, o, x))
         return -1;
     x->received = 0;
@@ -360,4 +359,19 @@ int plcModbusSocketAsk(plcModbusSocket *s, plcFrame *q, plcFrame *a,
     s->answered = epicsMonotonicGet();
     x->latency = (double)(s->answered - start) / 1e6;
     return 0;
+}
+
+/* When the request may fail, the next one has a new connection, but after silence where a late answer is known
+ * by its number. */
+int plcModbusSocketAsk(plcModbusSocket *s, plcFrame *q, plcFrame *a,
+                       const plcModbusRequestOptions *o, plcModbusResult *x)
+{
+    q->bytes[plcFrameUnit] = (epicsUInt8)o->unit; /* libmodbus would refuse 248 to 254 */
+    if (askOnIt(s, q, a, o, x) == 0)
+        return 0;
+    if (o->mayFail && (x->silent ? o->rtu || o->anyTransaction : !x->closed && s->requests > 0)) {
+        x->silent = 1;
+        dropSocket(s);
+    }
+    return -1;
 }

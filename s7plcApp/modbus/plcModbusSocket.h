@@ -27,6 +27,7 @@ typedef struct plcModbusRequestOptions {
     int anyUnit;        /* that of the answer does not matter */
     int anyTransaction; /* nor its number: what is there before a request is dropped */
     int keepSilent;     /* a request without an answer does not end the connection */
+    int mayFail;        /* nor does one with a bad answer, which is taken as one without */
     int rtu;            /* framing */
 } plcModbusRequestOptions;
 

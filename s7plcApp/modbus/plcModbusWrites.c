@@ -220,9 +220,7 @@ static int writeOne(plcModbus *m, const plcRequest *request)
         return writeEach(m, &q);
     if (q.count == 1 && q.function != 22 && m->session.options.singleWrite)
         q.function = plcWorkerIsBits(q.table) ? 5 : 6;
-    /* Late answers are known by their number. */
-    m->session.mayBeSilent =
-        inDoubt && !m->session.options.rtu && !m->session.options.anyTransaction;
+    m->session.mayBeSilent = inDoubt;
     status = q.function == 22 ? writeBits(m, &q) : writeWhole(m, &q);
     m->session.mayBeSilent = 0;
     if (status == PLC_WORKER_SILENT && readBetween(m, &q))
