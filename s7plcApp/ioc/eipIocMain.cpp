@@ -4,13 +4,12 @@
  */
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 #include <string>
 
 #include <epicsExit.h>
+#include <errlog.h>
 #include <iocsh.h>
-
-#include "drvEtherIP.h"
+#include <osiFileName.h>
 
 static int usage()
 {
@@ -20,68 +19,86 @@ static int usage()
     return 2;
 }
 
-/* Where the dbd file is: beside the program. */
-static std::string dbdOf(const char *program)
+/* Where the dbd file is: beside the directory of the program, TOP/bin/ARCH/. */
+static std::string dbdFile()
 {
-    std::string path(program);
-    size_t slash = path.rfind("/bin/");
+    char *directory = epicsGetExecDir();
+    std::string path = std::string(directory ? directory : "") + "../../dbd/eipIoc.dbd";
 
-    return (slash == std::string::npos ? std::string("..") : path.substr(0, slash)) +
-           "/dbd/eipIoc.dbd";
+    free(directory);
+    return path;
 }
 
-static bool definePlc(const char *text)
+/* A command of the shell, which says what is wrong. Returns false after an error. */
+static bool command(const char *name, const std::string &arguments)
 {
-    std::string whole(text);
-    size_t equal = whole.find('='), comma = whole.find(',');
+    return iocshCmd((std::string(name) + "(\"" + arguments + "\")").c_str()) == 0;
+}
 
-    if (equal == std::string::npos || equal == 0)
+static const char comma[] = "\",\"";
+
+static bool definePlc(const std::string &text)
+{
+    size_t equal = text.find('='), slot = text.find(',');
+
+    if (equal == std::string::npos || equal == 0 || slot < equal) {
+        fprintf(stderr, "eipIoc: -p \"%s\"; allowed: -p plc=ip[:port][,slot]\n", text.c_str());
         return false;
-    std::string ip = whole.substr(equal + 1, comma == std::string::npos
-                                                 ? std::string::npos : comma - equal - 1);
-    int slot = comma == std::string::npos ? 0 : atoi(whole.c_str() + comma + 1);
-    return drvEtherIP_define_PLC(whole.substr(0, equal).c_str(), ip.c_str(), slot) == 0;
-}
-
-static bool command(const char *name, const char *first, const char *second)
-{
-    std::string line = std::string(name) + "(\"" + first + "\",\"" + second + "\")";
-
-    return iocshCmd(line.c_str()) == 0;
+    }
+    std::string arguments = text;
+    if (slot != std::string::npos)
+        arguments.replace(slot, 1, comma);
+    return command("drvEtherIP_define_PLC", arguments.replace(equal, 1, comma));
 }
 
 /* The options in their order. Returns false after an error. */
-static bool option(char letter, const char *text, std::string &macros)
+static bool option(const char *letter, const char *text, std::string &macros)
 {
-    switch (letter) {
+    switch (letter[0] == '-' && letter[1] && !letter[2] ? letter[1] : 0) {
     case 'v':
-        EIP_verbosity = atoi(text);
-        return true;
+        return command("EIP_verbosity", text);
     case 'p':
         return definePlc(text);
     case 'm':
         macros = text;
         return true;
     case 'd':
-        return command("dbLoadRecords", text, macros.c_str());
+        return command("dbLoadRecords", std::string(text) + comma + macros);
     default:
+        fprintf(stderr, "eipIoc: \"%s\" is no option\n", letter);
         usage();
         return false;
     }
 }
 
-int main(int argc, char *argv[])
+/* Without st.cmd. Returns 0, or the exit status after an error. */
+static int runOptions(int argc, char *argv[])
 {
     std::string macros;
 
-    if (argc > 1 && argv[1][0] == '-') {
-        if (!command("dbLoadDatabase", dbdOf(argv[0]).c_str(), "") ||
-            iocshCmd("eipIoc_registerRecordDeviceDriver(pdbbase)"))
+    if (!command("dbLoadDatabase", dbdFile()) ||
+        iocshCmd("eipIoc_registerRecordDeviceDriver(pdbbase)"))
+        return 1;
+    for (int i = 1; i < argc; i += 2) {
+        if (i + 1 >= argc) {
+            fprintf(stderr, "eipIoc: nothing stands behind \"%s\"\n", argv[i]);
+            return usage();
+        }
+        if (!option(argv[i], argv[i + 1], macros))
             return 1;
-        for (int i = 1; i < argc; i += 2)
-            if (argv[i][0] != '-' || i + 1 >= argc || !option(argv[i][1], argv[i + 1], macros))
-                return i + 1 >= argc ? usage() : 1;
-        iocshCmd("iocInit");
+    }
+    return iocshCmd("iocInit") ? 1 : 0;
+}
+
+int main(int argc, char *argv[])
+{
+    if (argc > 1 && argv[1][0] == '-') {
+        int status = runOptions(argc, argv);
+
+        if (status) {
+            errlogFlush(); /* what commands have said */
+            return status;
+        }
     } else {
         for (int i = 1; i < argc; i++)
             iocsh(argv[i]);
