@@ -14,6 +14,7 @@
 #include <epicsTime.h>
 
 #include "eipSocket.h"
+#include "plcErrno.h"
 
 #define NS_PER_MS 1000000ull
 
@@ -75,7 +76,7 @@ static int tryConnect(eipSocket *s, const struct addrinfo *a, epicsUInt64 deadli
     socklen_t length = sizeof(error);
 
     if (fd == INVALID_SOCKET) {
-        epicsSnprintf(why, size, "no socket: %s", strerror(errno));
+        epicsSnprintf(why, size, "no socket: %s", plcErrnoText(errno));
         return -1;
     }
     eipSocketUse(s, fd);
@@ -89,7 +90,7 @@ static int tryConnect(eipSocket *s, const struct addrinfo *a, epicsUInt64 deadli
         getsockopt(fd, SOL_SOCKET, SO_ERROR, &error, &length);
     if (!error)
         return 0;
-    epicsSnprintf(why, size, "%s", strerror(error));
+    epicsSnprintf(why, size, "%s", plcErrnoText(error));
     eipSocketClose(s);
     return -1;
 }
@@ -122,7 +123,7 @@ static eipOutcome broken(char *why, size_t size, const char *text)
 /* What recv says when it gives nothing. */
 static const char *lossText(ssize_t n)
 {
-    return n == 0 ? "connection closed by PLC" : strerror(errno);
+    return n == 0 ? "connection closed by PLC" : plcErrnoText(errno);
 }
 
 static eipOutcome sendAll(eipSocket *s, const char *bytes, size_t n, epicsUInt64 deadline,
@@ -136,7 +137,7 @@ static eipOutcome sendAll(eipSocket *s, const char *bytes, size_t n, epicsUInt64
         if (k > 0)
             sent += (size_t)k;
         else if (k < 0 && errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR)
-            return broken(why, size, strerror(errno));
+            return broken(why, size, plcErrnoText(errno));
         else if (waitFor(s, POLLOUT, deadline))
             return eipTooLate;
     }

@@ -13,6 +13,7 @@
 #include <epicsStdio.h>
 
 #include "plcConnection.h"
+#include "plcErrno.h"
 #include "plcHot.h"
 
 #ifndef MSG_NOSIGNAL
@@ -25,33 +26,9 @@ enum { keepIdle = 5, keepInterval = 2, keepCount = 3, userTimeout = 10 };
 /* A host may wait so long before it acknowledges a block. The next ones do not wait for it. */
 #define ACK_NS 250000000u
 
-/* Error numbers in the words of an operator; they go into AMSG. */
-static const struct {
-    int number;
-    const char *text;
-} reasons[] = {
-    {ECONNREFUSED, "connection refused by PLC"   },
-    {ETIMEDOUT,    "PLC does not answer"         },
-    {EHOSTUNREACH, "no route to PLC"             },
-    {ENETUNREACH,  "network unreachable"         },
-    {EHOSTDOWN,    "PLC host is down"            },
-    {ECONNRESET,   "connection reset by PLC"     },
-    {EPIPE,        "connection reset by PLC"     },
-    {EADDRNOTAVAIL, "no local port or address"    },
-    {EMFILE,       "too many open files in IOC"  },
-    {0,            NULL                          }
-};
-
 static void setError(plcConnection *c, int number)
 {
-    int i;
-
-    for (i = 0; reasons[i].text; i++)
-        if (reasons[i].number == number) {
-            epicsSnprintf(c->error, sizeof(c->error), "%s", reasons[i].text);
-            return;
-        }
-    epicsSnprintf(c->error, sizeof(c->error), "%s", strerror(number));
+    epicsSnprintf(c->error, sizeof(c->error), "%s", plcErrnoText(number));
 }
 
 static int fail(plcConnection *c, int number, epicsUInt64 now)
