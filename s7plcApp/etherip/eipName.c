@@ -70,6 +70,15 @@ static int indexNumber(const char *at, int base0, epicsUInt32 *value, const char
     return 0;
 }
 
+static int noIndex(const place *p, const char *at)
+{
+    size_t n = strcspn(at, ",]");
+
+    if (!n)
+        return fail(p, at, "an index is missing; allowed: [0] to [4294967295]");
+    return fail(p, at, "%.*s is no index; allowed: [0] to [4294967295]", (int)(n < 20 ? n : 20), at);
+}
+
 /* "[1,2]" from the bracket on; *end is behind it. */
 static int indices(const place *p, const char *at, int base0, eipName *name,
                    const char **end)
@@ -82,7 +91,7 @@ static int indices(const place *p, const char *at, int base0, eipName *name,
         if (name->dimensions == eipDimensionsMax)
             return fail(p, at, "more than 3 dimensions; allowed: [i], [i,j], [i,j,k]");
         if (indexNumber(at, base0, &name->index[name->dimensions++], &at))
-            return fail(p, at, "no number in the index; allowed: [0] to [4294967295]");
+            return noIndex(p, at);
         at += strspn(at, " ");
     } while (*at == ',');
     if (*at != ']')
@@ -159,6 +168,18 @@ int eipNameParse(const char *text, int base0, eipName *name, size_t *column, cha
     memcpy(name->base, text, (size_t)(end - text));
     name->base[end - text] = 0;
     return 0;
+}
+
+void eipElementText(const char *base, int indexed, epicsUInt32 index, char *text, size_t size)
+{
+    size_t n = strlen(base);
+
+    if (indexed && n && base[n - 1] == ']')
+        epicsSnprintf(text, size, "%.*s,%u]", (int)n - 1, base, index);
+    else if (indexed || index)
+        epicsSnprintf(text, size, "%s[%u]", base, index);
+    else
+        epicsSnprintf(text, size, "%s", base);
 }
 
 /* --- Paths -------------------------------------------------------------------------------- */

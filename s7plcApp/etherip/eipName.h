@@ -32,6 +32,10 @@ typedef struct eipName {
 int eipNameParse(const char *text, int base0, eipName *name, size_t *column, char *error,
                  size_t size);
 
+/* The text of an element of a base text: "a[1]" and 2 are "a[1,2]" where a has several dimensions,
+ * which is `indexed`; "a" and 0 are "a". */
+void eipElementText(const char *base, int indexed, epicsUInt32 index, char *text, size_t size);
+
 /* Puts the path of a base text (inner indices included). instance: of the first name, as
  * the PLC listed it; 0: not known, it goes by its name. Returns 0, or -1 where eipNameParse
  * refuses it too. */

@@ -190,6 +190,15 @@ size_t eipPlacesUsed(eipPlaces *p)
     return used;
 }
 
+/* "a[3]: no such element (05)" */
+static void tell(const eipWant *want, const char *why, char *text, size_t size)
+{
+    char name[eipNameMax + 16];
+
+    eipElementText(want->tag, want->indexed, want->index, name, sizeof(name));
+    epicsSnprintf(text, size, "%s: %s", name, strncmp(why, "PLC: ", 5) ? why : why + 5);
+}
+
 unsigned eipPlacesBad(eipPlaces *p, plcFaults *faults, unsigned *of, char *first, size_t size)
 {
     char why[PLC_REASON_SIZE];
@@ -208,11 +217,29 @@ unsigned eipPlacesBad(eipPlaces *p, plcFaults *faults, unsigned *of, char *first
         if (!plcFaultsFind(faults, place->want.place, place->want.room, NULL, why))
             continue;
         if (!bad++)
-            epicsSnprintf(first, size, "%s: %s", place->want.tag,
-                          strncmp(why, "PLC: ", 5) ? why : why + 5);
+            tell(&place->want, why, first, size);
     }
     epicsMutexUnlock(p->lock);
     return bad;
+}
+
+int eipPlacesTag(eipPlaces *p, size_t offset, char *tag, size_t size, size_t *at)
+{
+    int status = -1;
+    ELLNODE *node;
+
+    epicsMutexMustLock(p->lock);
+    for (node = ellFirst(&p->list); node && status; node = ellNext(node)) {
+        const eipWant *want = &CONTAINER(node, eipPlace, node)->want;
+
+        if (offset < want->place || offset - want->place >= want->room)
+            continue;
+        eipElementText(want->tag, want->indexed, want->index, tag, size);
+        *at = want->place;
+        status = 0;
+    }
+    epicsMutexUnlock(p->lock);
+    return status;
 }
 
 int eipPlacesWants(eipPlaces *p, int always, eipWant **wants, unsigned *count, size_t *used)

@@ -34,6 +34,10 @@ size_t eipPlacesUsed(eipPlaces *places);
  * with its reason: "TAG: no such tag". */
 unsigned eipPlacesBad(eipPlaces *places, plcFaults *faults, unsigned *of, char *first, size_t size);
 
+/* The tag of the place that has this byte, "a[1,2]", and where the place begins. Returns 0, or -1: no
+ * place has it. */
+int eipPlacesTag(eipPlaces *places, size_t offset, char *tag, size_t size, size_t *place);
+
 /* All that is wanted now, allocated, with its texts. Returns 1 when it is another set than
  * the last time, or `always`; else 0. *used: bytes of the images. */
 int eipPlacesWants(eipPlaces *places, int always, eipWant **wants, unsigned *count, size_t *used);

@@ -170,6 +170,33 @@ static void put(void *pvt, const void *image, const void *mask)
     eipWorkerPut(((eipPlc *)pvt)->worker);
 }
 
+/* The input image has the type of each tag that was read; both have its number. */
+static void tells(void *pvt, const void *image, size_t offset, char *what, size_t whatSize,
+                  char *value, size_t valueSize)
+{
+    eipPlc *plc = pvt;
+    const epicsUInt8 *bytes = image;
+    char tag[eipNameMax + 16];
+    epicsUInt8 code[2];
+    const eipType *type;
+    eipNumber number;
+    epicsUInt64 bits;
+    size_t at;
+
+    what[0] = value[0] = 0;
+    if (eipPlacesTag(plc->places, offset, tag, sizeof(tag), &at))
+        return;
+    plcImagePeek(plcStationInput(plc->station), at, sizeof(code), code);
+    type = eipTypeOf((unsigned)eipGetUnsigned(code, 2));
+    epicsSnprintf(what, whatSize, "%s%s%s", tag, type ? " " : "", type ? type->name : "");
+    if (!type || !type->size || offset != at + eipPlaceHead)
+        return;
+    bits = eipGetUnsigned(bytes + offset, 8);
+    number.kind = (eipKind)bytes[at + eipPlaceKindAt];
+    memcpy(&number.u, &bits, sizeof(bits));
+    eipNumberText(type, &number, value, valueSize);
+}
+
 static void report(void *pvt, const char *where, const char *state, const plcStats *st,
                    FILE *file)
 {
@@ -177,8 +204,9 @@ static void report(void *pvt, const char *where, const char *state, const plcSta
     eipWorkerState s;
 
     eipWorkerStateGet(plc->worker, &s);
-    fprintf(file, "    EtherNet/IP %s: %s%s%s, %llu requests, %llu refused, %llu not answered, "
-            "latency [ms] %.3f (max %.3f)\n", where, state, s.connected ? ", " : "",
+    fprintf(file, "    EtherNet/IP %s: %s%s, %llu requests, %llu refused, %llu not answered, "
+            "latency [ms] %.3f (max %.3f)\n", where,
+            !s.connected ? state : s.keeps ? "" : "connected, messages ",
             s.connected ? s.way : "", (unsigned long long)st->requests,
             (unsigned long long)st->exceptions, (unsigned long long)st->requestTimeouts,
             st->requestLatency, st->requestLatencyMax);
@@ -197,6 +225,7 @@ const plcTransport eipTransport = {
     .name = "EtherNet/IP",
     .prefix = "EtherNet/IP ",
     .shows = 1,
+    .opens = 1,
     .takesPuts = 1,
     .create = create,
     .destroy = destroy,
@@ -211,6 +240,7 @@ const plcTransport eipTransport = {
     .age = age,
     .refused = refused,
     .put = put,
+    .tells = tells,
     .report = report,
 };
 

@@ -360,6 +360,7 @@ static void openSession(eipWorker *w)
     eipReadsBegin(w);
     if (eipWorkerEnter(w)) {
         w->state.connected = 1;
+        w->news.opened = 1;
         w->state.identity = w->connect.identity;
         w->state.keeps = w->connect.session.connected;
         eipConnectText(&w->connect, w->state.way, sizeof(w->state.way));
@@ -381,7 +382,8 @@ static void giveUp(eipWorker *w)
         strcpy(w->lost, "connection lost");
     if (eipWorkerEnter(w)) {
         memset(w->waiting, 0, w->used);
-        plcImagePutsWaiting(w->setup.out, NULL, w->waiting);
+        if (w->open) /* else they wait for a connection */
+            plcImagePutsWaiting(w->setup.out, NULL, w->waiting);
         for (i = 0; i < w->used; i++)
             w->leaving[i] |= w->waiting[i];
         w->news.outFaults |= plcFaultsSet(w->setup.outFaults, 0, w->used, w->leaving, w->lost);

@@ -15,6 +15,7 @@
 /* What is shown of one direction. */
 typedef struct view {
     FILE *file;
+    plcStation *station;
     int output;
     size_t size;
     epicsUInt8 *bytes;
@@ -26,6 +27,7 @@ static int viewOpen(view *v, plcStation *s, int output, FILE *file)
 {
     memset(v, 0, sizeof(*v));
     v->file = file;
+    v->station = s;
     v->output = output;
     v->size = plcImageSize(output ? plcStationOutput(s) : plcStationInput(s));
     v->owners = plcOwnersCopy(plcStationOwners(s), output, &v->count);
@@ -44,13 +46,13 @@ static void viewClose(view *v)
 
 /* --- One record --------------------------------------------------------------------------*/
 
-/* "INT16", "INT16 bit 3", "INT16 bits 00F0", "INT32 W=low" */
-static void typeText(const plcOwner *owner, char *text, size_t size)
+/* "INT16", "INT16 bit 3", "INT16 bits 00F0", "INT32 W=low"; `name`: of the type */
+static void typeText(const plcOwner *owner, const char *name, char *text, size_t size)
 {
     unsigned bit = 0;
     size_t used;
 
-    epicsSnprintf(text, size, "%s", owner->type->name);
+    epicsSnprintf(text, size, "%s", name);
     used = strlen(text);
     if (owner->mask && owner->mask != ~(epicsUInt64)0) {
         while (!(owner->mask >> bit & 1))
@@ -114,11 +116,16 @@ static void placeText(size_t offset, size_t length, char *text, size_t size)
 
 static void printOwner(const view *v, const plcOwner *owner)
 {
-    char place[48], type[60], value[80];
+    char place[48], name[300], type[340], value[80], number[60] = "";
+    int told = plcStationTells(v->station, v->bytes, owner->offset, name, sizeof(name), number,
+                               sizeof(number));
 
     placeText(owner->offset, owner->length, place, sizeof(place));
-    typeText(owner, type, sizeof(type));
-    valueText(v, owner, value, sizeof(value));
+    typeText(owner, told ? name : owner->type->name, type, sizeof(type));
+    if (told && !owner->mask)
+        epicsSnprintf(value, sizeof(value), "%s%s", number[0] ? " = " : "", number);
+    else
+        valueText(v, owner, value, sizeof(value));
     fprintf(v->file, "        %-11s %s (%s %s)%s", place, owner->name, owner->recordType, type,
             value);
     if (owner->hasReadback)

@@ -477,6 +477,8 @@ int plcExchangeNews(plcStation *s, epicsUInt64 now, epicsUInt64 *wake,
         countNews(s, &news, now);
         if (x->sign && news.requests)
             x->sign = now;
+        if (news.opened)
+            plcLineOpened(s, x->line, now);
         if (news.log[0])
             plcStationLog(s, errlogMajor, news.log);
         if (news.unread[0])

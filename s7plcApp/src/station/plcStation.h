@@ -106,6 +106,10 @@ int plcStationTextOrder(const plcStation *station);
  * offsets. */
 const char *plcStationByName(const plcStation *station);
 
+/* As `tells` of plcTransport.h. Returns 0 where the type of the record tells. Any thread. */
+int plcStationTells(const plcStation *station, const void *image, size_t offset, char *what,
+                    size_t whatSize, char *value, size_t valueSize);
+
 /* May a value lie in these bytes of the input or output block, as far as its transport knows? As
  * `holds` of plcTransport.h. The caller has compared them with the sizes before. */
 int plcStationHolds(const plcStation *station, int output, size_t offset, size_t length,

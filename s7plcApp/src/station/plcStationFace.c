@@ -36,6 +36,17 @@ const char *plcStationByName(const plcStation *s)
     return s->exchange && s->exchange->transport->used ? s->exchange->transport->name : NULL;
 }
 
+int plcStationTells(const plcStation *s, const void *image, size_t offset, char *what,
+                    size_t whatSize, char *value, size_t valueSize)
+{
+    const plcExchange *x = s->exchange;
+
+    if (!x || !x->transport->tells)
+        return 0;
+    x->transport->tells(x->pvt, image, offset, what, whatSize, value, valueSize);
+    return 1;
+}
+
 int plcStationHolds(const plcStation *s, int output, size_t offset, size_t length,
                     const void *mask, size_t *fits, char *error, size_t errorSize)
 {

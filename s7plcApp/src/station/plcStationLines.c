@@ -22,6 +22,9 @@ static const unsigned backoff[] = {0, 50, 100, 200, 400, 700};
 #define TAKEN_MS 2000 /* see looksTaken */
 #define HANG_UPS 3    /* see countHangUps */
 
+/* How far an attempt to connect came; what stops it there is said once. */
+enum { ofTcp = 1, ofSession = 2 };
+
 /* Records that have not processed so long after a loss have something else to do, ms. */
 #define LOSS_SEEN_MS 500
 
@@ -129,7 +132,7 @@ static int otherIsUp(plcStation *s, unsigned i)
 }
 
 /* An attempt to connect failed, or an address could not be found. */
-PLC_COLD static void lineFailed(plcStation *s, unsigned i, epicsUInt64 now,
+PLC_COLD static void lineFailed(plcStation *s, unsigned i, epicsUInt64 now, unsigned stage,
                                 const char *why)
 {
     plcLine *line = &s->lines[i];
@@ -146,8 +149,8 @@ PLC_COLD static void lineFailed(plcStation *s, unsigned i, epicsUInt64 now,
         if (plcLineIsOutput(s, i) && another)
             plcInputFollow(s, 0);
     }
-    if (!line->logged) {
-        line->logged = 1;
+    if (!(line->logged & stage)) {
+        line->logged |= stage;
         epicsSnprintf(text, sizeof(text),
                       "cannot connect to %s%s%s port %d: %s; the driver keeps trying", lineName(s, i),
                       line->host, line->plus ? "+1" : "", line->port, why);
@@ -228,6 +231,16 @@ PLC_COLD static void countHangUps(plcStation *s, unsigned i, epicsUInt64 lasted,
                       "client takes this connection, or its unit is not there");
 }
 
+/* TCP was there, but not the PLC behind it. */
+PLC_COLD static void lineNotOpened(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64 lasted,
+                                   const char *why)
+{
+    countHangUps(s, i, lasted, why);
+    plcExchangeDown(s);
+    plcConnectionClose(&s->lines[i].connection, why, now);
+    lineFailed(s, i, now, ofSession, why);
+}
+
 /* A connection that was up is gone, or has to go: closes it and says so. */
 PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char *why)
 {
@@ -236,6 +249,10 @@ PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char
     epicsUInt64 lasted = c->state == plcConnectionUp ? now - c->since : c->lasted;
     int led = (int)i == s->leader, saidBefore = line->lostEmpty;
 
+    if (!line->opened) {
+        lineNotOpened(s, i, now, lasted, why);
+        return;
+    }
     /* One that held for a while was good: a PLC that hangs up at once is tried slower. */
     if (lasted >= plcMsToNs(SETTLED_MS))
         line->failures = 0;
@@ -263,7 +280,7 @@ PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char
     line->lostAt = now;
     line->lastBlock = 0;
     line->isKept = 0;
-    line->logged = saidBefore; /* why it cannot be made again may be something else */
+    line->logged = saidBefore ? ofTcp : 0; /* why it cannot be made again may be something else */
     retryLater(line, now);
     epicsMutexMustLock(s->lock);
     s->stats.disconnects++;
@@ -283,7 +300,8 @@ PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char
     }
 }
 
-PLC_COLD static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
+/* The PLC is connected: says so, and counts it. */
+PLC_COLD static void sayUp(plcStation *s, unsigned i, epicsUInt64 now)
 {
     plcLine *line = &s->lines[i];
     char text[200];
@@ -304,10 +322,13 @@ PLC_COLD static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
     epicsMutexMustLock(s->lock);
     s->stats.connects++;
     epicsMutexUnlock(s->lock);
-    if (line->transport->connected)
-        line->transport->connected(line->pvt, &line->connection);
-    if (plcLineExchanges(s, i))
-        plcExchangeUp(s);
+}
+
+/* What becomes of that. */
+PLC_COLD static void goUp(plcStation *s, unsigned i, epicsUInt64 now)
+{
+    plcLine *line = &s->lines[i];
+
     if (plcLineIsOutput(s, i)) {
         plcInputSetLeads(s);
         return;
@@ -326,6 +347,29 @@ PLC_COLD static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
         plcInputInvalidate(s, plcStateNoPrimary, "no PRIMARY: neither PLC sends");
 }
 
+PLC_COLD void plcLineOpened(plcStation *s, unsigned i, epicsUInt64 now)
+{
+    s->lines[i].opened = 1;
+    sayUp(s, i, now);
+    goUp(s, i, now);
+}
+
+/* TCP is up. */
+PLC_COLD static void lineUp(plcStation *s, unsigned i, epicsUInt64 now)
+{
+    plcLine *line = &s->lines[i];
+
+    line->opened = !line->transport->opens;
+    if (line->opened)
+        sayUp(s, i, now);
+    if (line->transport->connected)
+        line->transport->connected(line->pvt, &line->connection);
+    if (plcLineExchanges(s, i))
+        plcExchangeUp(s);
+    if (line->opened)
+        goUp(s, i, now);
+}
+
 PLC_COLD static void lineOpen(plcStation *s, unsigned i, epicsUInt64 now)
 {
     plcLine *line = &s->lines[i];
@@ -339,9 +383,9 @@ PLC_COLD static void lineOpen(plcStation *s, unsigned i, epicsUInt64 now)
     if (known == 0)
         return; /* it will wake us */
     if (known < 0)
-        lineFailed(s, i, now, error);
+        lineFailed(s, i, now, ofTcp, error);
     else if (plcConnectionOpen(&line->connection, host, htons(line->port), now))
-        lineFailed(s, i, now, line->connection.error);
+        lineFailed(s, i, now, ofTcp, line->connection.error);
 }
 
 /* True when records have processed because of the loss, so that they saw it and its
@@ -448,7 +492,7 @@ PLC_HOT void plcLineStep(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64
         due = c->since + plcMsToNs(s->now.connectTimeout);
         if (now >= due) {
             plcConnectionClose(c, "PLC does not answer", now);
-            lineFailed(s, i, now, c->error);
+            lineFailed(s, i, now, ofTcp, c->error);
             line->retryAt = now; /* it has waited long enough */
         } else {
             plcEarlier(wake, due);
@@ -568,7 +612,7 @@ PLC_HOT void plcLineReady(plcStation *s, unsigned i, short revents, epicsUInt64 
         if (status > 0)
             lineUp(s, i, now);
         else if (status < 0)
-            lineFailed(s, i, now, c->error);
+            lineFailed(s, i, now, ofTcp, c->error);
         return;
     }
     if (c->state == plcConnectionUp && revents & (POLLIN | POLLHUP | POLLERR))

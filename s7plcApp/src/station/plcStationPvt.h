@@ -88,7 +88,8 @@ typedef struct plcLine {
     unsigned hangUps;      /* in a row: the PLC has closed it at once, without an answer */
     int lostEmpty;         /* it was lost before its first block, and has said so, since: */
     epicsUInt64 quietSince;
-    int logged;            /* "cannot connect" has been said */
+    int opened;            /* it counts as connected, which is more than TCP with `opens` */
+    unsigned logged;       /* "cannot connect" has been said: of TCP, of what is behind it */
     char lostWhy[PLC_REASON_SIZE]; /* it has been silent: why it was lost; "": it sends */
     char *kept;            /* of a pair: its newest block while the other leads */
     int isKept;            /* there is one */
@@ -359,6 +360,8 @@ void plcLineReady(plcStation *s, unsigned i, short revents, epicsUInt64 now);
 
 /* Line i was up and is gone, or has to go: closes it and says why. */
 void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char *why);
+/* The PLC behind a connection has answered (plcTransport.opens). */
+void plcLineOpened(plcStation *s, unsigned i, epicsUInt64 now);
 
 /* Something happened that the policy must know; the leader may change. */
 void plcLineTellPolicy(plcStation *s, plcEvent event, unsigned i, epicsUInt64 now);

@@ -306,6 +306,7 @@ PLC_HOT static void takeOrders(plcStation *s, epicsUInt64 now)
     for (i = 0; i < s->lineCount; i++) {
         if (!(moved & 1u << i))
             continue;
+        s->lines[i].logged = ~0u; /* that an attempt ends by an order is no failure to be told */
         if (s->lines[i].connection.state == plcConnectionUp)
             plcLineLost(s, i, now, why);
         plcConnectionClose(&s->lines[i].connection, why, now);

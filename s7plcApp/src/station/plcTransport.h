@@ -31,6 +31,7 @@ struct plcStats;
 
 /* What has happened since it was last asked. */
 typedef struct plcNews {
+    int opened;                /* with `opens`: the PLC has answered, and is connected from now on */
     int lost;                  /* the socket is of no use any more, because: */
     char why[PLC_REASON_SIZE]; /* "no answer for 1.0 s", "connection closed by PLC" */
     unsigned blocks;           /* how often the input image was filled anew */
@@ -85,6 +86,8 @@ typedef struct plcTransport {
     int syncs;     /* the handshake is in its blocks (option sync) */
     int shows;     /* on each connection it reads first what the PLC holds of the outputs: until
                     * then none leaves. And it tells which bits were refused (plcFaults) */
+    int opens;     /* TCP leads to a door only: the PLC is connected when its worker says so. What
+                    * goes wrong before then is an attempt that failed */
     int takesPuts; /* it takes puts out of the output image in their order until none is left
                     * (plcImageTakePuts, plcImagePutsDone), and each is acknowledged */
 
@@ -172,6 +175,12 @@ typedef struct plcTransport {
      * are the bits of `image` that are set in `mask`, both outSize bytes. They join what was
      * handed over before and has not left. */
     void (*put)(void *pvt, const void *image, const void *mask);
+
+    /* For people: what stands at this offset of `image`, the input or output image, where records
+     * name it and the type of a record does not tell: "Tank.Level REAL", and of a number its value,
+     * else "". Any thread. NULL: it tells. */
+    void (*tells)(void *pvt, const void *image, size_t offset, char *what, size_t whatSize,
+                  char *value, size_t valueSize);
 
     /* Lines for s7plcReport: `where` is "host:port", `state` "connected" or why not. Any
      * thread. */
