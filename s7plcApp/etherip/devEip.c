@@ -375,8 +375,7 @@ long devEipStoreArray(dbCommon *prec, const void *array, size_t count)
 /* CHAR of a larger type, as ether_ip has it: any character, with sign or without. */
 static const eipType *characterOf(const eipType *to, const eipNumber *number)
 {
-    return to->size == 1 && number->kind != eipReal && number->u.integer >= 0 ? eipTypeOf(eipUsint)
-                                                                             : to;
+    return to->size == 1 && eipNumberReal(number) >= 0 ? eipTypeOf(eipUsint) : to;
 }
 
 int devEipElements(const devRecord *dev, const eipType *from, const epicsUInt8 *bytes, size_t count,
@@ -417,6 +416,16 @@ void devEipShown(const devRecord *dev, const epicsUInt8 *bytes, eipNumber *numbe
     partOf(dev, type, number, own->misfit);
     if (own->second)
         number->u.integer |= (epicsInt64)shownSecond(dev);
+}
+
+const char devEipNan[] = "NaN is no whole number";
+
+int devEipIsNan(const devRecord *dev, const eipNumber *number)
+{
+    if (!isnan(eipNumberReal(number)))
+        return 0;
+    strcpy(eipOf(dev)->misfit, devEipNan);
+    return 1;
 }
 
 int devEipLacks(const devRecord *dev, char reason[PLC_REASON_SIZE])

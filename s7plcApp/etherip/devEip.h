@@ -84,6 +84,9 @@ const eipType *devEipType(const devRecord *dev);
 /* What the 8 bytes of a cell mean for an output that follows: the nearest number that it has. */
 void devEipShown(const devRecord *dev, const epicsUInt8 *bytes, eipNumber *number);
 
+/* Is it none that an output of whole numbers can follow? Then devEipLacks says so. */
+int devEipIsNan(const devRecord *dev, const eipNumber *number);
+
 /* The transfer of all outputs: devWrite, or with FORCE the value again. */
 long devEipWrite(dbCommon *prec);
 
@@ -92,6 +95,8 @@ int devEipFollows(const dbCommon *prec);
 
 /* An integer from a number: a real one is rounded; the nearest one there is. */
 epicsInt64 devEipInteger(const eipNumber *number);
+
+extern const char devEipNan[]; /* why NaN is not shown */
 
 static inline eipNumber devEipSigned(epicsInt64 value)
 {

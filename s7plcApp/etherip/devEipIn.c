@@ -93,7 +93,7 @@ static long readBi(dbCommon *common)
     if (devEipFetch(common, &number))
         return -1;
     if (isnan(eipNumberReal(&number)))
-        return devEipUnshown(common, "NaN is no whole number");
+        return devEipUnshown(common, devEipNan);
     ((biRecord *)common)->rval = eipNumberReal(&number) != 0;
     return 0;
 }

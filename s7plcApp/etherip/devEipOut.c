@@ -120,6 +120,8 @@ static void followBo(dbCommon *common, const devRecord *dev, const epicsUInt8 *b
     eipNumber number;
 
     devEipShown(dev, bytes, &number);
+    if (devEipIsNan(dev, &number))
+        return;
     prec->rval = prec->val = eipNumberReal(&number) != 0;
 }
 

@@ -8,6 +8,7 @@
 #include <dbAccess.h>
 #include <dbScan.h>
 #include <dbStaticLib.h>
+#include <epicsStdio.h>
 #include <epicsStdlib.h>
 #include <epicsString.h>
 #include <lsiRecord.h>
@@ -120,9 +121,14 @@ static int begin(dbCommon *prec, devRecord *dev, const char *text, eipLink *link
                            "%.40s is no PLC with tags; drvEtherIP_define_PLC or etheripConfigure "
                            "makes one", link->plc);
     if (link->statistic && strcmp(supportOf(prec)->shape.recordType, "ai"))
-        return plcLinkFail(error, 0, "a statistic; allowed: with ai only");
-    if (link->force && supportOf(prec)->direction != devOut)
+        return plcLinkFail(error, 0, "%s is for ai only; allowed here: E, S seconds, B bit, FORCE",
+                           eipStatisticWord(link->statistic));
+    if (link->force && supportOf(prec)->direction != devOut) {
+        epicsSnprintf(link->doubt, sizeof(link->doubt), "FORCE means nothing to an input");
         link->force = 0;
+    }
+    if (link->doubt[0])
+        devWarn(prec, "%s: @%.80s", link->doubt, text);
     own = callocMustSucceed(1, sizeof(*own), "EtherIP");
     own->plc = eipPlcFind(link->plc);
     own->period = periodOf(prec, link);
@@ -361,14 +367,17 @@ int devEipArray(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *
 
     if (begin(prec, dev, text, &link, error))
         return -1;
-    if (link.bit >= 0 || (link.alone && type[0] == 'w'))
-        return plcLinkFail(error, 0, "an array is read as it is; allowed: a tag without B and E");
+    if (link.bit >= 0)
+        return plcLinkFail(error, 0, "%s has no bit %d; allowed: a tag without .bit and B", type,
+                           link.bit);
+    if (link.alone && type[0] == 'w')
+        return plcLinkFail(error, 0, "E is not for a waveform; allowed: a tag without E");
     wish = wishOf(&link, eipArrayPlace);
     wish.count = type[0] == 'w'   ? ((waveformRecord *)prec)->nelm
                  : type[2] == 'i' ? ((aaiRecord *)prec)->nelm
                                   : ((aaoRecord *)prec)->nelm;
     if (wish.count == 0 || wish.count > 65535)
-        return plcLinkFail(error, 0, "NELM is %u; allowed: 1 to 65535", wish.count);
+        return plcLinkFail(error, 0, "NELM %u is too large; allowed: 1 to 65535", wish.count);
     eipOf(dev)->elements = wish.count;
     eipOf(dev)->holds = elementOf(type[0] == 'w'   ? ((waveformRecord *)prec)->ftvl
                                   : type[2] == 'i' ? ((aaiRecord *)prec)->ftvl

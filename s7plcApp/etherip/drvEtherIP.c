@@ -227,9 +227,12 @@ void drvEtherIP_report(int level)
 static void dumpTag(const eipTag *tag, void *arg)
 {
     const eipType *type = eipTypeOf(tag->code);
+    char name[eipNameMax + 16];
 
     (void)arg;
-    printf("  %-40s ", tag->base);
+    epicsSnprintf(name, sizeof(name), tag->indexed ? "%.*s,*]" : "%.*s",
+                  (int)strlen(tag->base) - tag->indexed, tag->base);
+    printf("  %-40s ", name);
     if (tag->state == eipTagKnown)
         printf("%s, %u bytes, every %g s", type ? type->name : "?", tag->size,
                tag->period / 1000.0);

@@ -62,12 +62,25 @@ static void putPort(eipWriter *w, long port, const char *link, size_t length)
         eipPut8(w, 0);
 }
 
-/* A number that a link may be; others are no text of an address either. */
-static int isLink(const char *text, size_t length)
+/* A number that a link may be. */
+static int isByte(const char *text, size_t length)
 {
     long number = routeNumber(text, length);
 
     return number >= 0 && number <= 255;
+}
+
+/* A slot, four numbers of an address, or a name: what looks like a number must be one. */
+static int isLink(const char *text, size_t length)
+{
+    size_t n, points = 0;
+
+    if (strspn(text, "0123456789.") < length)
+        return 1;
+    for (; (n = strcspn(text, ".")) < length; points++, text += n + 1, length -= n + 1)
+        if (!isByte(text, n))
+            return 0;
+    return isByte(text, length) && (points == 0 || points == 3);
 }
 
 int eipRouteParse(const char *text, eipRoute *route, char *error, size_t size)
@@ -88,7 +101,7 @@ int eipRouteParse(const char *text, eipRoute *route, char *error, size_t size)
         at += length + 1;
         length = strcspn(at, ",");
         if (!length || length > 48 || memchr(at, ' ', length) || *at == '-' ||
-            (strspn(at, "0123456789") == length && !isLink(at, length)))
+            !isLink(at, length))
             return routeFail(error, size, text);
         putPort(&w, port, at, length);
         at += length;

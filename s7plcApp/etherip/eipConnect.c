@@ -165,16 +165,32 @@ static int isNoController(const eipAnswer *a)
             a->extended == 0x0312 || a->extended == 0x0315 || a->extended == 0x0318);
 }
 
-static int statusFail(const eipAnswer *a, char *why, size_t size)
+/* A slot where there is no backplane, none where there is one: the status alone tells nobody. */
+static const char *routeHint(const eipConnect *c, const eipAnswer *a)
 {
+    const eipRoute *route = &c->options.route;
+    int isSlot = route->length == 2 && route->bytes[0] == 1;
+
+    if (isSlot && a->extended == 0x0311)
+        return "no backplane: slot -1";
+    return !route->length && (a->extended == 0x0311 || a->extended == 0x0315)
+               ? "no controller, slot needed" : NULL;
+}
+
+static int statusFail(const eipConnect *c, const eipAnswer *a, char *why, size_t size)
+{
+    const char *hint = routeHint(c, a);
+
     eipStatusText(a->status, a->extended, why, size);
+    if (hint)
+        epicsSnprintf(why, size, "%s (%02X %04X)", hint, a->status, a->extended);
     return -1;
 }
 
 static int identified(eipConnect *c, const eipAnswer *a, char *why, size_t size)
 {
     if (isNoController(a))
-        return statusFail(a, why, size);
+        return statusFail(c, a, why, size);
     if (!a->status)
         identityTake(&c->identity, a);
     if (c->identity.known && strncmp(c->identity.name, "2080-", 5) == 0)
@@ -219,7 +235,7 @@ static int opened(eipConnect *c, const eipAnswer *a, char *why, size_t size)
         return 0;
     }
     if (isNoController(a))
-        return statusFail(a, why, size);
+        return statusFail(c, a, why, size);
     if (a->status == eipConnectionFailure && a->extended == eipExtInUse &&
         ++c->tries < triesMax)
         newTriad(c);

@@ -86,12 +86,20 @@ static void learnLong(eipWorker *w, eipTag *tag)
     }
 }
 
+/* As a record names it: "a[1,2]" and "a[1,5]" are one tag. */
+static const char *nameOf(const eipWorker *w, const eipTag *tag, char *name, size_t size)
+{
+    eipElementText(tag->base, tag->indexed, tag->indexed ? w->tags.wants[tag->from].index : 0, name,
+                   size);
+    return name;
+}
+
 static void takeAsk(eipWorker *w, unsigned i, const eipAnswer *answer, void *arg)
 {
     const asked *a = arg;
     eipTag *tag = &w->tags.tags[a->tags[i]];
     eipTagState before = tag->state;
-    char reason[eipReasonSize];
+    char reason[eipReasonSize], name[eipNameMax + 16];
 
     if (answer->status == eipPartial) {
         learnLong(w, tag);
@@ -101,14 +109,14 @@ static void takeAsk(eipWorker *w, unsigned i, const eipAnswer *answer, void *arg
         eipTagLearn(&w->tags, tag, answer);
         epicsMutexUnlock(w->tagsLock);
         if (tag->state == eipTagBad && strcmp(reason, tag->reason))
-            eipWorkerNote(w, "tag %.60s: %s", tag->base, tag->reason);
+            eipWorkerNote(w, "tag %.80s: %s", nameOf(w, tag, name, sizeof(name)), tag->reason);
     }
     if (tag->state == eipTagBad) {
         tag->retry = epicsMonotonicGet() + eipRetryMs * EIP_NS_PER_MS;
         eipWorkerTagBad(w, tag, tag->reason);
     } else if (tag->state == eipTagKnown) {
         if (before == eipTagBad)
-            eipWorkerNote(w, "tag %.60s: good again", tag->base);
+            eipWorkerNote(w, "tag %.80s: good again", nameOf(w, tag, name, sizeof(name)));
         w->replan = 1;
     }
 }

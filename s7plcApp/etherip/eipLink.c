@@ -22,6 +22,16 @@ static const struct {
     {"TAG_TRANSFER_TIME",  eipTagTransferTime},
 };
 
+const char *eipStatisticWord(eipStatistic statistic)
+{
+    size_t i;
+
+    for (i = 0; i < sizeof(statistics) / sizeof(statistics[0]); i++)
+        if (statistics[i].statistic == statistic)
+            return statistics[i].word;
+    return "";
+}
+
 static const char blanks[] = " \t";
 
 /* Where a word is in a text. */
@@ -76,8 +86,19 @@ static int number(const place *p, const char **at, char letter, double low, doub
     if (w.length < sizeof(text) && epicsParseDouble(text, value, NULL) == 0 &&
         *value >= low && *value <= high)
         return 0;
-    return fail(p, w.at, "%c %.20s is no number for it; allowed: %c, a blank, %g to %g",
-                letter, text, letter, low, high);
+    if (!w.length)
+        return fail(p, w.at, "%c has no number; allowed: %c, a blank, %g to %g", letter, letter, low,
+                    high);
+    return fail(p, w.at, "%c %.20s is no %s; allowed: %c, a blank, %g to %g", letter, text,
+                letter == 'S' ? "period" : "bit", letter, low, high);
+}
+
+/* ether_ip takes a flag twice, and the last one counts. */
+static void twice(eipLink *link, int before, const word *w)
+{
+    if (before && !link->doubt[0])
+        epicsSnprintf(link->doubt, sizeof(link->doubt), "%.*s stands there twice; the last one counts",
+                      (int)(w->length < 20 ? w->length : 20), w->at);
 }
 
 static int flag(const place *p, const word *w, const char **at, eipLink *link)
@@ -87,10 +108,12 @@ static int flag(const place *p, const word *w, const char **at, eipLink *link)
 
     for (i = 0; i < sizeof(statistics) / sizeof(statistics[0]); i++)
         if (is(w, statistics[i].word)) {
+            twice(link, link->statistic != eipNoStatistic, w);
             link->statistic = statistics[i].statistic;
             return 0;
         }
     if (is(w, "S")) { /* 0: none is said */
+        twice(link, link->period > 0, w);
         if (number(p, at, 'S', 0, 86400, &link->period))
             return -1;
         if (link->period > 0 && link->period < 0.001)
@@ -100,6 +123,7 @@ static int flag(const place *p, const word *w, const char **at, eipLink *link)
     if (is(w, "B")) {
         const char *begin = *at;
 
+        twice(link, link->bit >= 0, w);
         if (number(p, at, 'B', 0, 63, &value))
             return -1;
         link->bit = (int)value;
@@ -107,16 +131,19 @@ static int flag(const place *p, const word *w, const char **at, eipLink *link)
             return fail(p, begin, "B %g is no bit; allowed: B, a blank, 0 to 63", value);
         return 0;
     }
-    if (is(w, "FORCE"))
+    if (is(w, "FORCE")) {
+        twice(link, link->force, w);
         link->force = 1;
-    else if (w->at[0] == 'E')
+    } else if (w->at[0] == 'E') {
+        twice(link, link->alone, w);
         link->alone = 1;
-    else
+    } else {
         return fail(p, w->at,
                     "\"%.*s\" is no flag; allowed: E, S seconds, B bit, FORCE, or one of "
                     "PLC_ERRORS PLC_TASK_SLOW LIST_ERRORS LIST_TICKS LIST_TIME "
                     "LIST_SCAN_TIME LIST_MIN_SCAN_TIME LIST_MAX_SCAN_TIME TAG_TRANSFER_TIME",
                     (int)(w->length < 40 ? w->length : 40), w->at);
+    }
     return 0;
 }
 
@@ -166,8 +193,10 @@ int eipLinkParse(const char *text, eipLink *link, size_t *column, char *error, s
     link->bit = -1;
     error[0] = 0;
     *column = 0;
-    if (!plc.length || plc.length > eipPlcNameMax)
-        return fail(&p, text, "no PLC; allowed: @PLC tag [flags]");
+    if (!plc.length)
+        return fail(&p, text, "no link to a PLC; allowed: @PLC tag [flags]");
+    if (plc.length > eipPlcNameMax)
+        return fail(&p, text, "the PLC's name is too long; allowed: %d characters", eipPlcNameMax);
     if (!name.length)
         return fail(&p, plc.at + plc.length, "no tag; allowed: @PLC tag [flags]");
     epicsSnprintf(link->plc, sizeof(link->plc), "%.*s", (int)plc.length, plc.at);

@@ -36,7 +36,11 @@ typedef struct eipLink {
     int bit;                   /* B, or tag.5; -1: not given */
     int force;                 /* FORCE */
     eipStatistic statistic;
+    char doubt[60];            /* what is odd about it but taken, as ether_ip takes it; "": nothing */
 } eipLink;
+
+/* The word that stands for it. */
+const char *eipStatisticWord(eipStatistic statistic);
 
 /* Returns 0; or -1 with the message in error, and *column where it is. */
 int eipLinkParse(const char *text, eipLink *link, size_t *column, char *error, size_t size);

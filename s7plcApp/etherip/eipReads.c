@@ -291,16 +291,21 @@ static void relearn(eipWorker *w, eipTag *tag, int newProgram)
 
 static void badUnit(eipWorker *w, eipUnit *u, const char *reason)
 {
+    const eipTag *tag = &w->tags.tags[u->tag];
+    char name[eipNameMax + 16];
     unsigned i;
 
     for (i = u->from; i < u->from + u->pieces; i++) {
         eipWant *want = &w->tags.wants[w->tags.pieces[i].want];
 
+        if (want->kind == eipArrayPlace && !eipTypeOf(tag->code)->size)
+            reason = eipNoArray; /* that the PLC has but one of it is not what is wrong */
         eipWorkerBad(w, want, reason);
         want->refused = 1;
     }
     if (!u->refused) {
-        eipWorkerNote(w, "tag %.60s[%u]: %s", w->tags.tags[u->tag].base, u->first, reason);
+        eipElementText(tag->base, tag->indexed, u->first, name, sizeof(name));
+        eipWorkerNote(w, "tag %.80s: %s", name, reason);
         w->replan = 1;
     }
     u->refused = 1;

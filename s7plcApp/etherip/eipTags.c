@@ -256,6 +256,8 @@ void eipTagLearn(eipTags *t, eipTag *tag, const eipAnswer *answer)
 
     if (answer->status && answer->status != eipPartial) {
         eipStatusText(answer->status, answer->extended, text, sizeof(text));
+        if (tag->indexed && (answer->status == eipPathSegment || answer->status == eipPathUnknown))
+            epicsSnprintf(text, sizeof(text), "no such tag or dimension (%02X)", answer->status);
         bad(t, tag, text);
         return;
     }

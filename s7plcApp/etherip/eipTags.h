@@ -81,6 +81,7 @@ typedef struct eipPiece {
     unsigned code, size; /* of an element */
     int bit;            /* of a BOOL in a byte; -1: none */
     eipTextKind text;   /* of a structure */
+    unsigned characters; /* that it has room for as a string; 0: not known */
 } eipPiece;
 
 /* What one service reads. */
@@ -169,6 +170,9 @@ int eipDataTake(const eipAnswer *answer, eipData *data);
 
 /* The answer to eipTagAskPut: the tag is known, or bad for a reason. */
 void eipTagLearn(eipTags *t, eipTag *tag, const eipAnswer *answer);
+
+/* Why a text or a structure is no value for an array record. */
+extern const char eipNoArray[];
 
 /* Stores a piece of data into the image. Returns NULL, or why it cannot be: for AMSG. */
 const char *eipPieceStore(const eipTags *t, const eipPiece *piece, const epicsUInt8 *data,

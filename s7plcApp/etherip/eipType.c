@@ -162,7 +162,7 @@ int eipNumberPut(const eipType *type, epicsUInt8 *raw, const eipNumber *number)
     if (type->kind == eipReal)
         return putReal(type, raw, eipNumberReal(number));
     if (number->kind == eipReal &&
-        integerOf(number->u.real, type->kind == eipSigned, &value))
+        integerOf(number->u.real, type->kind == eipSigned || type->code == eipBool, &value))
         return -1;
     if (type->code == eipBool)
         value = value != 0;
@@ -191,7 +191,7 @@ static void limitText(const eipType *type, int isLow, int brief, char *text, siz
     unsigned bits = 8 * type->size - (type->kind == eipSigned);
 
     if (type->kind == eipReal)
-        epicsSnprintf(text, size, "%s%.4g", isLow ? "-" : "", type->size == 4 ? FLT_MAX : DBL_MAX);
+        epicsSnprintf(text, size, "%s%.8g", isLow ? "-" : "", type->size == 4 ? FLT_MAX : DBL_MAX);
     else if (isLow && type->kind == eipUnsigned)
         epicsSnprintf(text, size, "0");
     else if (brief || bits > 32)
@@ -207,10 +207,13 @@ static void misfitText(const eipType *to, const eipType *from, const eipNumber *
     char value[32], limit[32];
     int isLow = eipNumberReal(number) < 0;
 
-    if (number->kind == eipReal)
-        epicsSnprintf(value, sizeof(value), "%.6g", number->u.real);
-    else
-        eipNumberText(from, number, value, sizeof(value));
+    eipNumberText(from, number, value, sizeof(value));
+    /* Whole numbers whole: rounded they might be within the limit. */
+    if (number->kind == eipReal && number->u.real == floor(number->u.real) &&
+        fabs(number->u.real) < 1e20)
+        epicsSnprintf(value, sizeof(value), "%.0f", number->u.real);
+    else if (number->kind == eipReal && strlen(value) > 15)
+        epicsSnprintf(value, sizeof(value), "%.9g", number->u.real);
     limitText(to, isLow, strlen(value) > 16, limit, sizeof(limit)); /* AMSG is short */
     if (number->kind == eipReal && isnan(number->u.real))
         epicsSnprintf(why, size, "NaN is no whole number");

@@ -54,7 +54,7 @@ static void addWish(eipTags *t, eipUnit *u, unsigned want)
 
     addPiece(t, u,
              (eipPiece){want, (t->wants[want].index - u->first) * tag->size, tag->code,
-                        tag->size, -1, textOf(tag)});
+                        tag->size, -1, textOf(tag), tag->characters});
 }
 
 static eipUnit *newUnit(eipTags *t, unsigned number, epicsUInt32 first, epicsUInt32 count)
@@ -242,7 +242,7 @@ static void makeWhole(eipTags *t, unsigned from, unsigned count, const member *m
             addPiece(t, u,
                      (eipPiece){want,
                                 m[i].place.offset + t->wants[want].index * tag->size,
-                                tag->code, tag->size, m[i].place.bit, eipTextYes});
+                                tag->code, tag->size, m[i].place.bit, eipTextYes, 0});
         }
     }
 }
@@ -460,6 +460,8 @@ static void head(epicsUInt8 *place, unsigned code, unsigned kind, unsigned size,
     eipSetUnsigned(place + eipPlaceCountAt, 4, count);
 }
 
+const char eipNoArray[] = "the tag is no array of numbers";
+
 static const char *storeCell(const eipPiece *p, const eipType *type, const epicsUInt8 *at,
                              epicsUInt8 *place)
 {
@@ -486,7 +488,7 @@ static const char *storeText(const eipPiece *p, const eipType *type, const epics
     if (type->size)
         return "the tag is a number, no string";
     text = eipTextGet(type->code, at, length, &n);
-    if (!text)
+    if (!text || (p->characters && n > p->characters))
         return p->text == eipTextYes ? "its length is more than the string has"
                                      : "the tag is a structure, no string";
     if (n > room - eipPlaceHead)
@@ -501,7 +503,7 @@ static const char *storeArray(const eipType *type, const epicsUInt8 *at, size_t 
                               epicsUInt8 *place, size_t room)
 {
     if (!type->size)
-        return "the tag is no array of numbers";
+        return eipNoArray;
     if (count * type->size > room - eipPlaceHead)
         return "the array has no room";
     head(place, type->code, type->kind, type->size, count);
