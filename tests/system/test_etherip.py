@@ -980,8 +980,8 @@ def test_names_as_they_stand(plant):
 
 
 BAD_LINKS = [
-    ("@P", "no tag"), ("@P a[", "no number in the index"), ("@P a%", "is not possible"),
-    ("@P a S", "is no number"), ("@P a B 64", "B 64"), ("@P a X", "is no flag"),
+    ("@P", "no tag"), ("@P a[", "an index is missing"), ("@P a%", "is not possible"),
+    ("@P a S", "S has no number"), ("@P a B 64", "B 64"), ("@P a X", "is no flag"),
     ("@Q a", 'no PLC "Q"'), ("@P a.3 B 4", "one of them")]
 
 

@@ -205,7 +205,7 @@ static const struct {
     {"REAL",  "00 00 C0 7F",             "LINT",  "NaN is no whole number"            },
     {"REAL",  "00 00 80 FF",             "DINT",  "-inf is below -2147483648"         },
     {"REAL",  "00 00 20 C0",             "DINT",  "FD FF FF FF"                       },
-    {"LREAL", "9C 75 00 88 3C E4 37 7E", "REAL",  "1e+300 is above 3.403e+38"         },
+    {"LREAL", "9C 75 00 88 3C E4 37 7E", "REAL",  "1e+300 is above 3.4028235e+38"},
     {"BOOL",  "FF",                      "DINT",  "01 00 00 00"                       },
 };
 
@@ -331,7 +331,7 @@ static const struct {
     {"a[0x10]",    0, 1, "\"[0x10]\" is no index; allowed: decimal numbers, [i], [i,j], [i,j,k]"},
     {"a[08]",      1, 1, "\"[08]\" is no index; allowed: [8], with a leading 0 octal: [010], or [0x8]"},
     {"a[1,2,3,4]", 0, 8, "more than 3 dimensions; allowed: [i], [i,j], [i,j,k]"},
-    {"a[-1]",      0, 2, "no number in the index; allowed: [0] to [4294967295]"},
+    {"a[-1]",      0, 2, "-1 is no index; allowed: [0] to [4294967295]"},
     {"tag.64",     0, 4, "bit 64; allowed: 0 to 63"},
     {"a.5b",       0, 2, "\"5b\" is no name: it begins with a digit"},
 };
@@ -988,10 +988,10 @@ static const struct {
     size_t column;
     const char *error;
 } badLinks[] = {
-    {"", 0, "no PLC; allowed: @PLC tag [flags]"},
+    {"", 0, "no link to a PLC; allowed: @PLC tag [flags]"},
     {"@plc", 4, "no tag; allowed: @PLC tag [flags]"},
-    {"@plc tag S x", 11, "S x is no number for it; allowed: S, a blank, 0 to 86400"},
-    {"@plc tag B 64", 11, "B 64 is no number for it; allowed: B, a blank, 0 to 63"},
+    {"@plc tag S x", 11, "S x is no period; allowed: S, a blank, 0 to 86400"},
+    {"@plc tag B 64", 11, "B 64 is no bit; allowed: B, a blank, 0 to 63"},
     {"@plc tag.1 B 2", 5, "a bit in the tag (.1) and B 2; allowed: one of them"},
     {"@plc tag B 1.5", 10, "B 1.5 is no bit; allowed: B, a blank, 0 to 63"},
     {"@plc tag force", 9,
