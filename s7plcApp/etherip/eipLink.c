@@ -89,8 +89,9 @@ static int number(const place *p, const char **at, char letter, double low, doub
     if (!w.length)
         return fail(p, w.at, "%c has no number; allowed: %c, a blank, %g to %g", letter, letter, low,
                     high);
-    return fail(p, w.at, "%c %.20s is no %s; allowed: %c, a blank, %g to %g", letter, text,
-                letter == 'S' ? "period" : "bit", letter, low, high);
+    return fail(p, w.at, letter == 'S' ? "S %.20s is no period; allowed: S, a blank, %g to %g"
+                                       : "B %.20s is no bit; allowed: B, a blank, %g to %g",
+                text, low, high);
 }
 
 /* ether_ip takes a flag twice, and the last one counts. */

@@ -460,7 +460,7 @@ static void countRefused(plcStation *s)
     plcInputRefused(s, count, of, first);
 }
 
-int plcExchangeNews(plcStation *s, epicsUInt64 now, epicsUInt64 *wake,
+int plcExchangeNews(plcStation *s, epicsUInt64 now, plcExchangeOpened *opened, epicsUInt64 *wake,
                     char why[PLC_REASON_SIZE])
 {
     plcExchange *x = s->exchange;
@@ -478,7 +478,7 @@ int plcExchangeNews(plcStation *s, epicsUInt64 now, epicsUInt64 *wake,
         if (x->sign && news.requests)
             x->sign = now;
         if (news.opened)
-            plcLineOpened(s, x->line, now);
+            opened(s, x->line, now);
         if (news.log[0])
             plcStationLog(s, errlogMajor, news.log);
         if (news.unread[0])

@@ -396,9 +396,12 @@ void plcExchangeUp(plcStation *s);
 void plcExchangeLost(plcStation *s, const char *why);
 void plcExchangeDown(plcStation *s);
 
-/* What the worker has to tell; and whether it still does. Returns 1 when the connection is of
- * no use any more, and why. */
-int plcExchangeNews(plcStation *s, epicsUInt64 now, epicsUInt64 *wake,
+/* The PLC behind the connection has answered (plcTransport.opens). */
+typedef void plcExchangeOpened(plcStation *s, unsigned line, epicsUInt64 now);
+
+/* What the worker has to tell; and whether it still does. `opened` is called before anything else
+ * is made of the news. Returns 1 when the connection is of no use any more, and why. */
+int plcExchangeNews(plcStation *s, epicsUInt64 now, plcExchangeOpened *opened, epicsUInt64 *wake,
                     char why[PLC_REASON_SIZE]);
 
 /* Puts under way: how many, and who waits for them. */

@@ -403,7 +403,7 @@ static void exchangeStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
 {
     char why[PLC_REASON_SIZE];
 
-    if (plcExchangeNews(s, now, wake, why))
+    if (plcExchangeNews(s, now, plcLineOpened, wake, why))
         plcLineLost(s, s->exchange->line, now, why);
     plcExchangePuts(s, now, wake);
 }
