@@ -373,6 +373,28 @@ def test_pause(new_modbus, new_ioc):
     assert min(b - a for a, b in zip(times, times[1:])) >= 0.029
 
 
+SILLY = {"requestPause": ("-1", "1001", "10000", "text", "1e300", "nan"), "readPeriod": ("-1", "1", "99999999", "text"),
+         "requestTimeout": ("0", "-1", "99999999", "text"), "maxRegisters": ("0", "-1", "126", "text"),
+         "maxBits": ("0", "-1", "2001", "text"), "heartbeatRegister": ("-1", "65536", "text"),
+         "check": ("0", "text"), "framing": ("1", "text"), "singleWrite": ("-1", "2"), "maskWrite": ("0", "text")}
+
+
+def test_silly_numbers(new_ioc):
+    """numbers that make no sense: each option and argument of Modbus has one line that says what is allowed"""
+    port = ", 127.0.0.1, 1, "
+    wrong = {'300, "holding 0 2"': "unit=300; allowed: 0 to 255", '-1, "holding 0 2"': "unit=-1; allowed: 0 to 255",
+             '1, "holding 0 0"': 'count "0"; allowed: 1 to 65536', '1, "holding 0 2 every 0"': 'period "0"; allowed: 1 to 3600000 ms',
+             '1, "holding 0 2 unit 300"': 'unit "300"; allowed: 0 to 255', '1, "holding 0 2", "", -1': "requestTimeout=-1; allowed: 10 to 60000"}
+    ioc = new_ioc(f'modbusplcConfigure PLC{port}1, "holding 0 2"\n' +
+                  "\n".join(f"modbusplcConfigure X{n}{port}{text}" for n, text in enumerate(wrong)), "")
+    for n, words in enumerate(wrong.values()):
+        assert [words in line for line in ioc.log.splitlines() if f"modbusplcConfigure X{n}:" in line] == [True], (words, ioc.log)
+    for key, values in SILLY.items():
+        for value in values:
+            said = ioc.command(f"s7plcSetOption PLC {key} {value}").splitlines()
+            assert len(said) == 1 and f"option {key}={value}; allowed: " in said[0], (key, value, said)
+
+
 class RtuDevice:
     """RTU frames over TCP: holding registers, FC3 and FC16, with a CRC of its own (bit by bit)."""
 
