@@ -72,6 +72,7 @@ static void testBits(void)
 {
     static const epicsUInt8 bit0[] = {0x01}, bit3[] = {0x08}, bit7[] = {0x80};
     static const epicsUInt8 none[] = {0}, across[] = {0x80, 0x01}, upper[] = {0, 0xFE};
+    epicsUInt8 all[4];
     plcFaults *faults = plcFaultsCreate(4);
 
     testOk(plcFaultsSet(faults, 1, 1, bit3, refused) == 1, "one bit becomes bad");
@@ -90,8 +91,11 @@ static void testBits(void)
                finds(faults, 1, 2, across, silent) && finds(faults, 2, 1, bit0, silent),
            "a mask across two bytes");
     testOk(finds(faults, 1, 2, upper, NULL), "which leaves the rest of the second");
+    testOk(plcFaultsMask(faults, all) == 1 && memcmp(all, "\0\x88\x01\0", 4) == 0,
+           "all bad bits at once, of each reason");
     testOk(plcFaultsClear(faults, 0, 4, NULL) == 1 && finds(faults, 0, 4, NULL, NULL),
            "all bits of all bytes");
+    testOk(plcFaultsMask(faults, all) == 0 && all[1] == 0x88, "where none is bad it leaves the mask alone");
     plcFaultsDestroy(faults);
 }
 
@@ -311,7 +315,7 @@ static void testThreads(void)
 
 MAIN(faultsTest)
 {
-    testPlan(22 + 11 + 5 + 2 + 3);
+    testPlan(22 + 13 + 5 + 2 + 3);
     testDiag("Bytes");
     testBytes();
     testDiag("Bits");

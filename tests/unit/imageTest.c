@@ -384,6 +384,32 @@ static void testOwed(void)
     plcImageDestroy(image);
 }
 
+/* A put that its record has taken back */
+static void testCancel(void)
+{
+    plcImage *image = plcImageCreate(4);
+    plcWritten first, second;
+
+    plcImageKeepPuts(image, 1000);
+    plcImageWrite(image, 0, 1, "A", NULL, &first);
+    testOk(plcImageCancel(image, first.number, 0, 1, NULL) == plcPutNever &&
+               takes(image, "A\0\0\0", "\0\0\0\0") && !plcImagePutAgain(image, NULL, NULL),
+           "a put that waits and is taken back never leaves, on this connection or another");
+    plcImageWrite(image, 1, 1, "B", NULL, &first);
+    testOk(takes(image, "AB\0\0", "\0\xFF\0\0") &&
+               plcImageCancel(image, first.number, 1, 1, NULL) == plcPutThrough &&
+               plcImagePutAgain(image, NULL, NULL) && takes(image, "AB\0\0", "\0\xFF\0\0"),
+           "one that is through is put again as ever");
+    plcImageWrite(image, 2, 1, "\x03", "\x03", &first);
+    plcImageWrite(image, 2, 1, "\x00", "\x02", &second);
+    testOk(plcImageCancel(image, first.number, 2, 1, "\x03") == plcPutNever &&
+               second.number > first.number && takes(image, "AB\x01\0", "\0\0\x02\0"),
+           "of two bits a newer put of one leaves");
+    testOk(plcImagePutAgain(image, NULL, NULL) && takes(image, "AB\x01\0", "\0\xFF\x02\0"),
+           "which alone is put again");
+    plcImageDestroy(image);
+}
+
 /* --- Which bits were written: against a model --------------------------------------- */
 
 #define SMALL 12
@@ -763,7 +789,7 @@ static void testPuts(void)
 
 MAIN(imageTest)
 {
-    testPlan(17 + 7 + 13 + 10 + 10 + 3 + 8 + 11 + 4 + 1 + 9 + 3 + 1);
+    testPlan(17 + 7 + 13 + 10 + 10 + 3 + 8 + 11 + 4 + 1 + 9 + 3 + 1 + 4);
     testDiag("Input");
     testEdges();
     testEdgesSeen();
@@ -776,6 +802,7 @@ MAIN(imageTest)
     testDiag("Which bits were written");
     testChanges();
     testOwed();
+    testCancel();
     testModel();
     testPuts();
     testDiag("Threads");
