@@ -35,6 +35,7 @@ static eipAnswer answerOf(const char *hex, epicsUInt8 *bytes)
 
 static void testRequests(void)
 {
+    static const epicsUInt8 zeros[512];
     epicsUInt8 bytes[600], path[12];
     char route[200] = "1,0", error[80];
     eipWriter w = eipWriterOf(bytes, sizeof(bytes));
@@ -47,14 +48,13 @@ static void testRequests(void)
            "a route of 33 ports is refused: 64 bytes are 32");
     testOk(eipRouteParse(route + 4, &r, error, sizeof(error)) == 0 && r.length == 64,
            "one of 32 is not");
-    eipRequestPut(&w, eipReadTag, bytes, 3);
+    eipRequestPut(&w, eipReadTag, zeros, 3);
     testOk(w.full, "a path has an even number of bytes");
     w = eipWriterOf(bytes, sizeof(bytes));
-    memset(path, 0, sizeof(path));
-    eipRequestPut(&w, eipReadTag, bytes + 10, 510);
+    eipRequestPut(&w, eipReadTag, zeros, 510);
     testOk(!w.full && w.n == 512 && bytes[1] == 255, "and at most 510");
     w = eipWriterOf(bytes, sizeof(bytes));
-    eipRequestPut(&w, eipReadTag, bytes + 10, 512);
+    eipRequestPut(&w, eipReadTag, zeros, 512);
     testOk(w.full, "512 are too many");
     w = eipWriterOf(path, sizeof(path));
     w.n = eipObjectPath(path, 0x300, 0x1234, 5);
