@@ -1,4 +1,4 @@
-"""A client by PV Access, beside those by Channel Access. Without p4p there is none."""
+"""A client by PV Access, beside those by Channel Access. Without p4p, or with a Base that has no PVA, there is none."""
 import logging
 import time
 
@@ -7,6 +7,8 @@ import client
 try:
     from p4p.client.thread import Context
 except ImportError:
+    Context = None
+if "registerStartPVAServer" not in (client.TOP / "dbd/s7plcIoc.dbd").read_text():
     Context = None
 
 

@@ -7,10 +7,30 @@ import time
 
 import epics
 
-from client import ARCH, TOP
+from client import ARCH, BASE, TOP
 from waiting import LIMIT, until, until_equal
 
 _prefixes = itertools.count()
+
+# An older Base has no AMSG, and its mbboDirect makes VAL of its 16 bits: a put to VAL has no effect.
+SINCE_7_0_6 = "AMSG" in (BASE / "dbd/dbCommon.dbd").read_text()
+
+
+class AnyMessage(str):
+    """Stands for AMSG where Base has none: it, and each part of it, equals each text and contains it."""
+    __hash__ = str.__hash__
+
+    def __eq__(self, other):
+        return True
+
+    def __ne__(self, other):
+        return False
+
+    def __contains__(self, part):
+        return True
+
+    def __getitem__(self, place):
+        return self
 
 
 def errors_in(log):
@@ -192,6 +212,13 @@ class Ioc:
     def put(self, name, value, wait=True):
         self.pv(name).put(value, wait=wait, timeout=LIMIT)
 
+    def put_direct(self, name, value):
+        """A put to an mbboDirect; where Base takes none to VAL, to its bits."""
+        if SINCE_7_0_6:
+            self.put(name, value)
+        for bit in range(0 if SINCE_7_0_6 else 16):
+            self.put(f"{name}.B{bit:X}", value >> bit & 1)
+
     def put_callback(self, name, value):
         """A put with callback; returns an event that is set when it has ended."""
         done = threading.Event()
@@ -206,7 +233,11 @@ class Ioc:
 
     def alarm(self, name):
         """SEVR, STAT and AMSG, for example ('INVALID', 'COMM', 'no block for 2.0 s')."""
-        return tuple(self.text(f"{name}.{field}") for field in ("SEVR", "STAT", "AMSG"))
+        return self.severity(name), self.text(name + ".STAT"), self.message(name)
+
+    def message(self, name):
+        """AMSG; an AnyMessage where Base has none."""
+        return self.text(name + ".AMSG") if SINCE_7_0_6 else AnyMessage()
 
     def wait_value(self, name, wanted, limit=LIMIT):
         return until_equal(lambda: self.plain(name), wanted, limit)

@@ -124,7 +124,7 @@ def test_shared_word(new_peer, new_ioc):
     peer.wait_block(b"\x00\x01")
     ioc.put("mbbo", 3)
     peer.wait_block(b"\x00\x31")
-    ioc.put("direct", 10)
+    ioc.put_direct("direct", 10)
     peer.wait_block(b"\x0a\x31")
     ioc.put("bo", 0)
     peer.wait_block(b"\x0a\x30")

@@ -11,13 +11,15 @@ from waiting import until
 
 
 def has_completion():
-    """Base 7.0.8 or newer, with readline"""
+    """Base that asks what completes a word, with readline"""
     base = epics_base()
+    if "iocshArgStringPath" not in (base / "include/iocsh.h").read_text():
+        return False
     com = next((base / "lib" / ARCH).glob("libCom.so"), None)
     return com and "readline" in subprocess.run(["ldd", com], capture_output=True, text=True).stdout
 
 
-@pytest.mark.skipif(not has_completion(), reason="EPICS Base is built without readline")
+@pytest.mark.skipif(not has_completion(), reason="EPICS Base completes nothing: older, or without readline")
 def test_tab(tmp_path):
     """TAB behind the beginning of a PLC's name completes it"""
     (tmp_path / "st.cmd").write_text(

@@ -241,20 +241,20 @@ def test_bits_beyond_the_end(plant):
                   rec("mbboDirect", "d", "D[60] S 0.02", "NOBT=8"), rec("mbboDirect", "good", "D[20] S 0.02", "NOBT=8"))
     plant.ioc.wait_alarm("o", "INVALID", "READ", "PLC: no such element (05)")
     plant.ioc.wait_alarm("i", "INVALID", "READ", "PLC: index beyond the end (FF 2105)")
-    plant.ioc.put("o", 0xA5)
+    plant.ioc.put_direct("o", 0xA5)
     assert plant.ioc.alarm("o") == ("INVALID", "WRITE", "PLC: no such element (05)")
     assert plant.tag("B[1]") == "0"
     plant.ioc.wait_value("d", 0)
-    plant.ioc.put("d", 0xA5)
+    plant.ioc.put_direct("d", 0xA5)
     plant.wait_tag("D[2]", "10")
     assert plant.ioc.severity("d") == "NO_ALARM"
     plant.sim.command("etherip tag D DINT[2]")
     plant.ioc.wait_alarm("d", "INVALID", "READ", "no such element")
-    plant.ioc.put("d", 0xFF)
+    plant.ioc.put_direct("d", 0xFF)
     assert plant.ioc.alarm("d")[:2] == ("INVALID", "WRITE")
     assert plant.tag("D[1]") == "0"
     plant.sim.command("etherip tag D DINT[3]")
-    plant.ioc.put("good", 0x5A)
+    plant.ioc.put_direct("good", 0x5A)
     plant.wait_tag("D[0]", str(0x5A << 20))
 
 

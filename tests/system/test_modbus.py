@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from ioc import errors_in
+from ioc import SINCE_7_0_6, errors_in
 from waiting import until, until_equal
 
 FORMS = {"INT8": "b", "UINT8": "B", "INT16": "h", "UINT16": "H", "INT32": "i", "UINT32": "I",
@@ -154,8 +154,9 @@ def put_rows():
         shift = 8 * SIZES[kind] - 6
         rows.append(("mbbo", kind, f'field(SHFT, "{shift}") field(NOBT, "4")', 9, (15 << shift, 9 << shift)))
         mask = (1 << min(8 * SIZES[kind], 31)) - 1
-        rows.append(("mbboDirect", kind, f'field(NOBT, "{min(8 * SIZES[kind], 31)}")',
-                     NUMBERS["UINT32"] & mask, (mask, NUMBERS["UINT32"] & mask)))
+        if SINCE_7_0_6:
+            rows.append(("mbboDirect", kind, f'field(NOBT, "{min(8 * SIZES[kind], 31)}")',
+                         NUMBERS["UINT32"] & mask, (mask, NUMBERS["UINT32"] & mask)))
     for kind in [*TO_32, "INT64", "UINT64"]:
         rows.append(("int64out", kind, "", NUMBERS[kind], None))
         for bit in {2, 8 * SIZES[kind] - 3}:
@@ -524,7 +525,7 @@ def test_refused_state(new_modbus, new_ioc):
     def shows(state, severity, reason, count):
         until_equal(lambda: (ioc.text("State"), ioc.severity("State"),
                              bytes(ioc.get("Reason.VAL$")).rstrip(b"\0").decode(),
-                             ioc.text("State.AMSG")[:31], ioc.get("RefusedReads")),
+                             ioc.message("State")[:31], ioc.get("RefusedReads")),
                     (state, severity, reason, reason[:31], count))
 
     shows("ok", "NO_ALARM", "", 0)

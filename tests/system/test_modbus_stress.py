@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 from epics import ca
 
+from ioc import SINCE_7_0_6, AnyMessage
 from waiting import LIMIT, until
 
 SEQUENCES = int(os.environ.get("PLCLINK_SEQUENCES", 60))
@@ -195,7 +196,7 @@ class Operator:
         self.ioc, self.trouble = ioc, trouble
         self.fields = {(name, field): ca.create_channel(ioc.P + name + field) for name in
                        ["waiting"] + [name for o in range(OWNERS) for name in names_of(o)]
-                       for field in ("", ".PROC", ".PACT", ".SEVR", ".AMSG")}
+                       for field in ("", ".PROC", ".PACT", ".SEVR", ".AMSG") if SINCE_7_0_6 or field != ".AMSG"}
         for channel in self.fields.values():
             assert ca.connect_channel(channel, timeout=LIMIT)
 
@@ -210,7 +211,8 @@ class Operator:
         return self.get(["waiting"], "") == ["0"] and not any(self.get(names, ".PACT"))
 
     def alarms(self, names):
-        return dict(zip(names, zip(self.get(names, ".SEVR"), self.get(names, ".AMSG"))))
+        said = self.get(names, ".AMSG") if SINCE_7_0_6 else [AnyMessage()] * len(names)
+        return dict(zip(names, zip(self.get(names, ".SEVR"), said)))
 
     def wrong(self, names):
         """Records whose alarm is not that of the last answer to a write of them."""

@@ -8,6 +8,7 @@ from pymodbus.client import ModbusTcpClient
 
 from client import ARCH, TOP
 from docblocks import blocks
+from ioc import SINCE_7_0_6
 from waiting import until
 
 
@@ -128,6 +129,8 @@ def test_show(new_peer, new_ioc):
     ("redundancy.md", "Step 1", "iocPhoenix")])
 def test_demo(page, begins, demo, need_root):
     """{page} shows what its demonstration prints"""
+    if "PLC: " in shown(page, begins) and not SINCE_7_0_6:
+        pytest.skip("shows AMSG, which this Base has not")
     ended = subprocess.run([TOP / "iocBoot" / demo / "demo"], stdin=subprocess.DEVNULL,
                            capture_output=True, text=True, timeout=240)
     assert ended.returncode == 0, ended.stdout + ended.stderr

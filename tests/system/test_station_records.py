@@ -142,13 +142,13 @@ def test_reason(load):
     assert ioc.text("Setpoints") == "they pass"
     sim.command("unplug")
     ioc.wait_alarm("State", "MAJOR", "STATE")
-    until(lambda: ioc.text("State.AMSG") and ioc.text("State.AMSG") == ioc.text("Reason")[:39],
-          lambda: f'{ioc.text("State.AMSG")!r}, {ioc.text("Reason")!r}')
+    until(lambda: ioc.text("Reason") and ioc.message("State") == ioc.text("Reason")[:39],
+          lambda: f'{ioc.message("State")!r}, {ioc.text("Reason")!r}')
     ioc.wait_value("Setpoints", 0)
     until(lambda: ioc.text("LostTime").startswith("20"))
     sim.command("plug")
     ioc.wait_value("State", 3)
-    assert ioc.alarm("State")[0] == "NO_ALARM" and ioc.text("State.AMSG") == ""
+    assert ioc.alarm("State")[0] == "NO_ALARM" and ioc.message("State") == ""
     assert ioc.text("LostTime").startswith("20")
 
 
