@@ -85,7 +85,7 @@ static int askOnce(plcModbus *m, const plcRequest *q)
     plcModbusRelayLast(m->relay, &x);
     if (status < 0 && !x.lost && !x.exception) {
         x.lost = 1;
-        epicsSnprintf(x.why, sizeof(x.why), "libmodbus: %.28s", modbus_strerror(errno));
+        epicsSnprintf(x.why, sizeof(x.why), "libmodbus: error %d", errno);
     }
     if (!plcWorkerEnter(m))
         return -1;

@@ -427,8 +427,10 @@ PLC_COLD static void lineWrongSize(plcStation *s, unsigned i, size_t burst, epic
         return;
     }
     if (burst) {
-        epicsSnprintf(why, sizeof(why), "PLC sends %u bytes, inSize is %u",
-                      (unsigned)burst, (unsigned)s->inSize);
+        if (epicsSnprintf(why, sizeof(why), "PLC sends %u bytes, inSize is %u", (unsigned)burst,
+                          (unsigned)s->inSize) >= (int)sizeof(why))
+            epicsSnprintf(why, sizeof(why), "PLC sends %u, inSize is %u", (unsigned)burst,
+                          (unsigned)s->inSize);
         epicsSnprintf(text, sizeof(text),
                       "the PLC sends blocks of %u bytes, but inSize "
                       "is %u: set inSize to %u or correct the PLC",
