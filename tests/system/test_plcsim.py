@@ -344,6 +344,22 @@ def roles(sim):
     return [status(sim, "role", plc).split()[1] for plc in ("first", "second")]
 
 
+def test_list_of_pointers(new_sim, connect):
+    """The list of pointers has eight spare places, and ends at the first pair whose byte 0 is 0"""
+    sim = new_sim("in = 8\nout = 0\nperiod = 10 ms\ndb 10 8\ninit DB10.0 UINT16 1\ninit DB10.2 UINT16 2\n"
+                  "tx P#DB10.DBX0.0 BYTE 2 -> 0\n")
+    client = connect(sim.port, size=8)
+    assert sum(len(line.split(":")[1].split()) for line in sim.command("dump DB3").splitlines()) == 9 * 20
+    until(lambda: client.read() == b"\0\1" + bytes(6))
+    pair = bytes.fromhex("1002 0002 000a 84000010" + "1002 0002 0001 84000020")  # DB10.DBX2.0 -> DB1.DBX4.0
+    for i in range(19, -1, -1):  # the byte that makes it count comes last
+        sim.command(f"set DB3.DBB{20 + i} {pair[i]}")
+    until(lambda: client.read() == b"\0\1\0\0\0\2\0\0")
+    sim.command("set DB3.DBB0 0")
+    sim.command("set DB10.DBW2 3")
+    assert {client.read()[4:6] for _ in range(20)} == {b"\0\2"}, "behind the end of the list nothing is moved"
+
+
 def test_pair(new_sim, connect):
     """Only the PRIMARY sends, and after unplug the BACKUP does, with the same memory"""
     sim = new_sim(PAIR, "-o", "role=pair")

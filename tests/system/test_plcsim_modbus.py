@@ -177,6 +177,12 @@ def test_refused(wire, pdu, code):
     assert wire.ask(request) == bytes([request[0] | 0x80, code])
 
 
+def test_no_function(wire):
+    """A function of 128 and more gets no answer, and the next request one"""
+    wire.socket.sendall(bytes.fromhex("0001 0000 0006 01 83 0000 0001" + "0002 0000 0006 01 03 0000 0001"))
+    assert wire.socket.recv(100)[:8] == bytes.fromhex("0002 0000 0005 01 03")
+
+
 def test_without(new_sim, new_master):
     """modbus without 22 23: exception 1, and the others work"""
     sim = new_sim(PLC + "modbus without 22 23\n")
