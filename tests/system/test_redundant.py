@@ -207,6 +207,7 @@ def test_orderly(new_pair, record, capsys):
         last = len(seen.events["A:cnt"])
         until(lambda: len(seen.events["A:cnt"]) > last + 10, "values of the new PRIMARY")
     assert not seen.invalid()
+    assert ioc.log_count("is PRIMARY now") >= 6
     report(capsys, f"last block of the old to first of the new: median "
            f"{sorted(gaps)[len(gaps) // 2]:.1f} ms, max {max(gaps):.1f} ms, "
            f"period {PERIOD * 1000:.0f} ms")

@@ -3,6 +3,7 @@ import collections
 import re
 import subprocess
 import sys
+import time
 
 import epics
 import pytest
@@ -150,6 +151,25 @@ def test_reason(load):
     ioc.wait_value("State", 3)
     assert ioc.alarm("State")[0] == "NO_ALARM" and ioc.message("State") == ""
     assert ioc.text("LostTime").startswith("20")
+
+
+def test_pair_moves(new_sim, new_ioc):
+    """a new address of a pair is that of FIRST, SECOND is at the next one, and the time of a switch-over is a number, too"""
+    text = "name = PLC\nin = 32\nout = 16\nbyteorder = big\nperiod = 100 ms\nrole = pair\nsignal 0 UINT32 counter\n"
+    old, new = new_sim(text + "address = 127.0.0.2\n"), new_sim(text + "address = 127.0.0.22\n")
+    ioc = new_ioc(f'phoenixplcConfigure(PLC, "127.0.0.2", {old.port}, 32, 16, 1, 5000, 100, 1)',
+                  'record(ai, "$(P)When") { field(DTYP, "phoenixplc") field(INP, "@PLC/lastSwitchTime") field(SCAN, "I/O Intr") }',
+                  program="phoenixIoc", templates=[(f, "P=$(P),PLC=PLC") for f in (
+                      "phoenixplcStatus.db", "s7plcStation.db", "s7plcStatus.template")])
+    ioc.wait_value("Pair", 1)
+    ioc.put("AddressSet", f"127.0.0.22:{new.port}")
+    until(lambda: ioc.text("AddressFirst") == f"127.0.0.22:{new.port}")
+    assert ioc.text("AddressSecond") == f"127.0.0.23:{new.port}"
+    until(lambda: ioc.text("Backup") == "plc-2nd linked", lambda: ioc.text("Backup"))
+    before = time.time()
+    new.command("switchover")
+    until(lambda: ioc.text("Primary") == "SECOND")
+    until(lambda: before - 2 < ioc.get("When") < time.time() + 2, lambda: str(ioc.get("When")))
 
 
 def test_macros(load):

@@ -48,6 +48,11 @@ static const struct {
      "    @Q/8\n"
      "     ^\n",
      "no PLC \"Q\""},
+    {"a PLC in other letters", "ao", "OUT=@p/8",
+     "S7plc ao \"%s\" OUT: no PLC \"p\"; configured: P NoIn\n"
+     "    @p/8\n"
+     "     ^\n",
+     "no PLC \"p\""},
     {"an offset behind the block", "longin", "INP=@P/64",
      "S7plc longin \"%s\" INP: 64 + 2 bytes exceed the input block; inSize is 64\n"
      "    @P/64\n"
