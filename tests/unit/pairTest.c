@@ -32,6 +32,14 @@ static const char *lastError(void)
     return stats.lastError;
 }
 
+static unsigned long long ignored(void)
+{
+    plcStats stats;
+
+    plcStationStats(w.station, &stats);
+    return stats.ignored;
+}
+
 static void beginWorld(const char *name, size_t outSize)
 {
     pairWorldBegin(&w, name, outSize, RECV_TIMEOUT, PERIOD);
@@ -90,6 +98,7 @@ static void bothSend(void)
     testOk(waitFor(w.now.twoPrimaries), "both send: two PRIMARIES");
     testOk(w.now.primary == pairSecond && w.now.switchovers == 1, "SECOND stays");
     testOk(w.now.twoPrimariesCount == 1, "counted once");
+    testOk(waitFor(ignored() > 2), "the blocks of FIRST are counted as ignored");
     pairWorldPut(&w, 103);
     testOk(waitFor(pairPeerCount(w.plc[1], 103) == 1) && !pairPeerCount(w.plc[0], 103),
            "a put goes to SECOND only");
@@ -351,7 +360,7 @@ static void readBack(int track)
 
 MAIN(pairTest)
 {
-    testPlan(71 + 2 * 6);
+    testPlan(72 + 2 * 6);
     configure();
     plcStationsDestroy();
     start();

@@ -12,6 +12,7 @@
 #include <testMain.h>
 
 #include "plcShow.h"
+#include "plcStationPvt.h"
 #include "plcStatsTable.h"
 #include "recordTest.h"
 #include "testTools.h"
@@ -193,6 +194,14 @@ static void testValues(plcStation *s, int *listener, int *fd)
         testOk(plcStatGetArray(plcStatFind("histogramBins", plcStatArray), s, bins, 4) == 4 &&
                    bins[0] == 0.01 && bins[3] > 0.0199 && bins[3] < 0.0201,
                "its x axis");
+        epicsMutexMustLock(s->lock);
+        s->stats.bytesOut = (epicsUInt64)1 << 40;
+        epicsMutexUnlock(s->lock);
+        isNow("longin:bytesOut", "2147483647", "a longin ends at its largest number");
+        isNow("int64in:bytesOut", "1099511627776", "an int64in goes on");
+        plcStationSetOption(s, "heartbeat", "3600000", error, sizeof(error));
+        isNow("lsi:options", "recvTimeout=60000 sendInterval=100 heartbeat=3600000", "a long text");
+        isNow("stringin:options", "recvTimeout=60000 sendInterval=100 hear", "is cut in a stringin");
         plcStatGet(plcStatFind("BLOCKSIN", plcStatNumber), s, &unused);
         testOk(unused.integer == 3, "upper and lower case are the same");
     }
@@ -405,7 +414,7 @@ static void runGood(void)
 
 MAIN(recordTestStats)
 {
-    testPlan((int)combinations() + 2 * (int)COUNT(refused) + 58 + (int)COUNT(types));
+    testPlan((int)combinations() + 2 * (int)COUNT(refused) + 62 + (int)COUNT(types));
     testManual();
     runRefused();
     runGood();
