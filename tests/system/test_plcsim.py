@@ -344,6 +344,24 @@ def roles(sim):
     return [status(sim, "role", plc).split()[1] for plc in ("first", "second")]
 
 
+def test_send_watchdog(new_sim, connect):
+    """sendwatchdog: a block that does not leave for so long ends the connection"""
+    sim = new_sim("in = 65536\nout = 0\nperiod = 1 ms\nsendwatchdog = 200 ms\n")
+    connect(sim.port)
+    until(lambda: any("ended: " in line for line in sim.lines), lambda: "\n".join(sim.lines))
+    assert sim.process.poll() is None
+
+
+def test_block_numbers(new_sim):
+    """ie_tx, ie_rx and map_db: the data blocks have these numbers"""
+    sim = new_sim("in = 24\nout = 20\nie_tx = 71\nie_rx = 72\nsync = on\nmap = on\nmap_db = 75\n")
+    for number in (71, 72, 75, 76, 77):
+        assert ":" in sim.command(f"dump DB{number}")
+    for number in (1, 2, 20):
+        with pytest.raises(AssertionError, match="name of a block"):
+            sim.command(f"dump DB{number}")
+
+
 def test_list_of_pointers(new_sim, connect):
     """The list of pointers has eight spare places, and ends at the first pair whose byte 0 is 0"""
     sim = new_sim("in = 8\nout = 0\nperiod = 10 ms\ndb 10 8\ninit DB10.0 UINT16 1\ninit DB10.2 UINT16 2\n"

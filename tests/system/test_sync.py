@@ -361,6 +361,7 @@ def test_layout(new_plc, new_ioc):
     line = ioc.wait_log("layout id")
     assert str(0x1234) in line and str(0x4321) in line
     ioc.wait_alarm("Blocks", "INVALID", "COMM", "layout ids of PLC and IOC differ")
+    assert ioc.severity("Sync") == "MAJOR"
     ioc.put("Speed", 5)
     assert ioc.alarm("Speed") == ("INVALID", "WRITE", "layout ids of PLC and IOC differ")
     assert sim.command("received").startswith("blocks 0 ")
