@@ -79,6 +79,8 @@ static const struct {
     {"1,-2",                   NULL                                                          },
     {"1,256",                  NULL                                                          },
     {"1,99999999999999999999", NULL                                                          },
+    {"2,10.0.0.400",           NULL                                                          },
+    {"2,10.0.4",               NULL                                                          },
     {"14,1",                   "0E 01"                                                       },
     {"15,1",                   "0F 0F 00 01"                                                 },
     {"2,host,1,255",           "12 04 68 6F 73 74 01 FF"                                     },
@@ -495,6 +497,13 @@ static void testRefusals(void)
     testOk(answerStep(&c, 0x01, "12 03") == -1 &&
                strcmp(why, "no module in that slot (01 0312)") == 0,
            "an empty slot ends it: %s", why);
+    c = upToOpening("1,0");
+    testOk(answerStep(&c, 0x01, "11 03") == -1 && strcmp(why, "no backplane: slot -1 (01 0311)") == 0,
+           "a slot where there is none: %s", why);
+    c = upToOpening("");
+    testOk(answerStep(&c, 0x01, "15 03") == -1 &&
+               strcmp(why, "no controller, slot needed (01 0315)") == 0,
+           "none where there is one: %s", why);
     c = upToOpening("");
     accept(&c);
     testOk(c.session.connected, "slot -1 opens a connection, too");

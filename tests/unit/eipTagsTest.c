@@ -207,6 +207,8 @@ static const struct {
     {"REAL",  "00 00 20 C0",             "DINT",  "FD FF FF FF"                       },
     {"LREAL", "9C 75 00 88 3C E4 37 7E", "REAL",  "1e+300 is above 3.4028235e+38"},
     {"BOOL",  "FF",                      "DINT",  "01 00 00 00"                       },
+    {"REAL",  "00 00 80 4F",             "DINT",  "4294967296 is above 2147483647"    },
+    {"LREAL", "6F 74 D3 AD F9 C1 72 40", "USINT", "300.123457 is above 255"           },
 };
 
 static void testCasts(void)
@@ -982,6 +984,25 @@ static void testLinks(void)
     }
 }
 
+/* What is said of a good link */
+static void testDoubts(void)
+{
+    char error[400], text[300] = "@";
+    size_t column;
+    eipLink l;
+
+    testOk(eipLinkParse("@plc tag S 1 S 2", &l, &column, error, sizeof(error)) == 0 && l.period == 2 &&
+               strcmp(l.doubt, "S stands there twice; the last one counts") == 0,
+           "%s", l.doubt);
+    testOk(strcmp(eipStatisticWord(eipListTime), "LIST_TIME") == 0 && !eipStatisticWord(eipNoStatistic)[0],
+           "a statistic has its word, none has none");
+    memset(text + 1, 'p', 256);
+    strcpy(text + 257, " tag");
+    testOk(eipLinkParse(text, &l, &column, error, sizeof(error)) == -1 &&
+               strcmp(error, "the PLC's name is too long; allowed: 255 characters") == 0,
+           "%s", error);
+}
+
 /* What is wrong with a link, and where, in whole words. */
 static const struct {
     const char *text;
@@ -1083,6 +1104,7 @@ MAIN(eipTagsTest)
     testTexts();
     testSet();
     testLinks();
+    testDoubts();
     testBadLinks();
     testPlaces();
     return testDone();

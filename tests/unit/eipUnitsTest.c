@@ -470,6 +470,36 @@ static void testPlaceKeys(void)
     eipPlacesDestroy(p);
 }
 
+static const struct {
+    const char *base;
+    int indexed;
+    epicsUInt32 index;
+    const char *text;
+} elements[] = {{"a", 0, 0, "a"}, {"a", 0, 3, "a[3]"}, {"a", 1, 0, "a[0]"}, {"a[1]", 1, 2, "a[1,2]"}};
+
+/* An index that the PLC finds, and what is said of one that it does not */
+static void testIndexed(void)
+{
+    eipWant *w = calloc(1, sizeof(*w));
+    eipAnswer none = {.status = eipPathSegment};
+    char text[20];
+    eipTags t;
+    size_t i;
+
+    for (i = 0; i < COUNT(elements); i++) {
+        eipElementText(elements[i].base, elements[i].indexed, elements[i].index, text, sizeof(text));
+        testOk(strcmp(text, elements[i].text) == 0, "%s", text);
+    }
+    w[0] = want("A", 0, eipCell, 0);
+    w[0].indexed = 1;
+    eipTagsInit(&t);
+    eipTagsSet(&t, w, 1);
+    eipTagLearn(&t, &t.tags[0], &none);
+    testOk(t.tags[0].state == eipTagBad && strcmp(t.tags[0].reason, "PLC: no such tag or dimension (04)") == 0,
+           "%s", t.tags[0].reason);
+    eipTagsFree(&t);
+}
+
 static void testBadPlaces(void)
 {
     eipPlaces *p = eipPlacesCreate(64);
@@ -478,6 +508,7 @@ static void testBadPlaces(void)
     eipPlace *first = eipPlacesGet(p, &a, 100, 0);
     char text[60] = "?";
     unsigned of;
+    size_t at;
 
     eipPlacesGet(p, &b, 100, 0);
     testOk(eipPlacesBad(p, faults, &of, text, sizeof(text)) == 0 && of == 2 && !text[0],
@@ -489,6 +520,9 @@ static void testBadPlaces(void)
     plcFaultsSet(faults, 0, 16, NULL, "not read yet");
     testOk(eipPlacesBad(p, faults, &of, text, sizeof(text)) == 2 && strcmp(text, "A: not read yet") == 0,
            "two are, the first is told: %s", text);
+    testOk(eipPlacesTag(p, 20, text, sizeof(text), &at) == 0 && strcmp(text, "B") == 0 && at == 16 &&
+               eipPlacesTag(p, 40, text, sizeof(text), &at) == -1,
+           "each byte has the tag of its place, where there is one");
     eipPlacesLeave(p, first, 100, 0);
     testOk(eipPlacesBad(p, faults, &of, text, sizeof(text)) == 1 && of == 1 && text[0] == 'B',
            "a place of nobody does not count");
@@ -509,6 +543,7 @@ MAIN(eipUnitsTest)
     testStatistics();
     testPaths();
     testPlaceKeys();
+    testIndexed();
     testBadPlaces();
     return testDone();
 }
