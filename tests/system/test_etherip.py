@@ -778,10 +778,13 @@ def test_many_tags(plant):
     assert plant.ioc.severity(f"t{count - 1}") == plant.ioc.severity("o") == "NO_ALARM"
 
 
-def test_image_full(plant):
-    """A record that finds no room says so, and how much is allowed"""
+@pytest.mark.parametrize("configure", [
+    'etheripConfigure("Q", "127.0.0.1:{port}", 0, "image=64")',
+    'drvEtherIP_image_size 64\ndrvEtherIP_define_PLC("Q", "127.0.0.1:{port}", 0)'], ids=["by option", "for all"])
+def test_image_full(plant, configure):
+    """A record that finds no room says so, and how much is allowed ({id})"""
     plant.tags("tag A DINT[9] = 4")
-    plant.records(before="", configure='etheripConfigure("Q", "127.0.0.1:{port}", 0, "image=64")',
+    plant.records(before="", configure=configure,
                   *[rec("longin", f"a{n}", f"A[{n}] S 0.1").replace("@P", "@Q") for n in range(5)])
     plant.ioc.wait_value("a3", 4)
     plant.ioc.process_record("a4")

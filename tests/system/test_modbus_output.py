@@ -246,6 +246,16 @@ def test_bits(new_station):
     assert len(s.writes()) == count + 1
 
 
+def test_odd_byte(new_station):
+    """a value at an odd byte: its ends leave by FC22, each by itself, and the other halves of their registers stay"""
+    s = new_station('record(longout, "$(P)odd") { field(DTYP, "S7plc") field(OUT, "@PLC/1 T=INT32") }')
+    s.holding[100], s.holding[102] = 0xAA00, 0x00BB
+    s.ioc.put("odd", 0x01020304)
+    until_equal(lambda: [s.register(i) for i in range(3)], [0xAA01, 0x0203, 0x04BB])
+    assert sorted((r.function, r.start) for r in s.writes()) == [(16, 101), (22, 100), (22, 102)]
+    s.ioc.wait_alarm("odd", "NO_ALARM")
+
+
 def test_single_write(new_station):
     """singleWrite=on: FC6 for one register, FC16 for more"""
     s = new_station(words(10), *OFTEN, "singleWrite on")

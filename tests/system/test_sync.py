@@ -352,6 +352,8 @@ def test_heartbeat(new_plc, new_ioc):
     lines = sim.command("received 4").splitlines()[1:]
     counters = [bytes.fromhex("".join(line.split()[2:]))[1] for line in lines]
     assert counters == [(counters[0] + i) % 256 for i in range(4)]
+    times = [float(line.split()[1]) for line in lines]
+    assert times[-1] - times[0] > 3 * 0.5 - 0.2  # each 500 ms
 
 
 def test_layout(new_plc, new_ioc):
