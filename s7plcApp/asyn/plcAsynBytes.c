@@ -127,8 +127,6 @@ asynStatus plcAsynWrite(plcAsynPort *port, asynUser *user, plcAsynView *view,
     plcAsynWriteBegins(port, view, user);
     status = plcStationPut(port->station, view->offset, length, bytes, mask, reason,
                            view->follows, &put);
-    if (!status && !reason[0] && view->follows && !plcStationTaken(port->station))
-        epicsSnprintf(reason, sizeof(reason), "waiting for the PLC's value");
     plcAsynWriteEnds(port, view, user, bytes, mask, length,
                      status      ? -1
                      : reason[0] ? 1

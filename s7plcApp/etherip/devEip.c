@@ -224,14 +224,16 @@ static int asTag(const eipType *type, const eipType *from, const eipNumber *numb
 /* The part of a number whose bits are in the second element. Returns 0, or -1 with an alarm. */
 static int storeSecond(dbCommon *prec, const devRecord *dev, epicsUInt64 value)
 {
-    const devEip *own = eipOf(dev);
+    devEip *own = eipOf(dev);
     epicsUInt8 bytes[8], mask[8];
     char reason[PLC_REASON_SIZE];
 
     eipSetUnsigned(bytes, 8, (value & own->across) >> (32 - own->shift));
     eipSetUnsigned(mask, 8, own->across >> (32 - own->shift));
-    if (plcStationWrite(dev->station, eipPlaceOffset(own->second) + eipPlaceHead, 8, bytes, mask,
-                        reason) == 0)
+    own->last.goesOn = dev->last.goesOn;
+    own->last.tells = dev->takes != 0;
+    if (plcStationPutBy(dev->station, &own->last, own->last.offset, 8, bytes, mask, reason, 1,
+                        NULL) == 0)
         return 0;
     return (int)devEipRefuse(prec, "%s", reason);
 }
@@ -444,8 +446,7 @@ static long secondRefused(dbCommon *prec, const devRecord *dev, long status)
     const devEip *own = eipOf(dev);
     char reason[PLC_REASON_SIZE];
 
-    if (!own->second || !plcFaultsFind(plcStationOutFaults(dev->station),
-                                       eipPlaceOffset(own->second), eipCellSize, NULL, reason))
+    if (!own->second || !plcImageWhyNot(dev->image, &own->last, reason))
         return status;
     recGblSetSevrMsg(prec, WRITE_ALARM, INVALID_ALARM, "%s", reason);
     return -1;

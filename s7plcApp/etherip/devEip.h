@@ -25,6 +25,7 @@ typedef struct devEip {
     epicsUInt64 across;   /* bits that lie in two elements; 0: they do not. Inputs: the place
                            * is an array of two */
     eipPlace *second;     /* outputs: the place of the other element */
+    plcLastPut last;      /* of it */
     int output;
     int force;            /* the PLC's value is written over, not followed, */
     int forced;           /* once the record has a value of its own */

@@ -96,6 +96,9 @@ static void forget(devRecord *dev)
 {
     devEip *own = eipOf(dev);
 
+    if (own->last.bytes)
+        plcImageAskNot(dev->image, &own->last);
+    free(own->last.bytes);
     if (own->second)
         eipPlacesLeave(own->plc->places, own->second, own->period, own->output);
     if (own->place) {
@@ -279,13 +282,18 @@ static int takeTwo(dbCommon *prec, devRecord *dev, eipLink *link, plcLinkError *
 {
     devEip *own = eipOf(dev);
     eipWant wish = wishOf(link, eipCell);
+    epicsUInt8 bits[8];
 
     if (take(prec, dev, link, &wish, eipPlaceHead, error))
         return -1;
     dev->mask = own->across << own->shift & 0xffffffffu;
     wish.index++;
     own->second = eipPlacesGet(own->plc->places, &wish, own->period, 1);
-    return own->second ? 0 : plcLinkFail(error, 0, "the image of %.40s is full", link->plc);
+    if (!own->second)
+        return plcLinkFail(error, 0, "the image of %.40s is full", link->plc);
+    eipSetUnsigned(bits, 8, own->across >> (32 - own->shift));
+    devAsk(dev, &own->last, eipPlaceOffset(own->second) + eipPlaceHead, 8, bits);
+    return 0;
 }
 
 /* Bits that begin in one element, at link->bit, and end in the next: for inputs, as an array of

@@ -174,9 +174,11 @@ void eipReadsShow(eipWorker *w)
         plcImagePutsWaiting(w->setup.out, NULL, w->waiting);
     plcImagePeek(w->setup.out, 0, w->used, w->values);
     for (i = 0; i < w->used; i++) {
-        epicsUInt8 ours = w->older[i] = w->waiting[i] | w->written[i];
+        epicsUInt8 ours = w->waiting[i], held = w->written[i] & (epicsUInt8)~ours;
 
-        w->outNews[i] = (epicsUInt8)((w->outNews[i] & ~ours) | (w->values[i] & ours));
+        w->older[i] = ours | w->unread[i];
+        w->outNews[i] = (epicsUInt8)((w->outNews[i] & ~(ours | held)) | (w->values[i] & ours) |
+                                     (w->holds[i] & held));
     }
     w->news.shown = 1;
 }
@@ -261,6 +263,7 @@ static void storeUnit(eipWorker *w, eipUnit *u, const eipData *data)
         unsigned before = (unsigned)eipGetUnsigned(w->in + want->place, 2);
 
         memset(w->written + want->place, 0, want->room);
+        memset(w->unread + want->place, 0, want->room);
         if (want->kind == eipTextPlace && p->text == eipTextPerhaps && templatesCome(w))
             continue;
         why = eipPieceStore(t, p, data->bytes, data->length, w->in);

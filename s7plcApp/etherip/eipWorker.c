@@ -29,7 +29,7 @@ eipWorker *eipWorkerCreate(const plcTransportSetup *setup, const eipConnectOptio
     w->options.requestTimeout = 1000;
     w->options.relearn = 3000;
     w->connectOptions = *connect;
-    w->inNews = callocMustSucceed(10, size, "eipWorker");
+    w->inNews = callocMustSucceed(12, size, "eipWorker");
     w->outNews = w->inNews + size;
     w->in = w->outNews + size;
     w->leaving = w->in + size;
@@ -39,6 +39,8 @@ eipWorker *eipWorkerCreate(const plcTransportSetup *setup, const eipConnectOptio
     w->older = w->written + size;
     w->olderTaken = w->older + size;
     w->back = w->olderTaken + size;
+    w->holds = w->back + size;
+    w->unread = w->holds + size;
     w->frame = mallocMustSucceed(eipFrameMax, "eipWorker");
     w->message = mallocMustSucceed(eipMessageMax, "eipWorker");
     eipSocketInit(&w->socket);
@@ -323,6 +325,7 @@ static void takeSocket(eipWorker *w)
     }
     w->open = w->taught = 0;
     w->lost[0] = 0;
+    memset(w->unread, 0, w->used);
     w->asking = eipAskOther;
     memset(w->leaving, 0, w->used);
     memset(w->written, 0, w->used);
@@ -370,23 +373,16 @@ static void openSession(eipWorker *w)
     }
 }
 
-/* The connection is of no use any more. What was to leave on it has not left: that is a fault
- * until it has. */
+/* The connection is of no use any more. What was to leave on it waits again. */
 static void giveUp(eipWorker *w)
 {
-    size_t i;
-
     eipWorkerBlame(w);
     w->asking = eipAskOther;
     if (!w->lost[0])
         strcpy(w->lost, "connection lost");
     if (eipWorkerEnter(w)) {
-        memset(w->waiting, 0, w->used);
-        if (w->open) /* else they wait for a connection */
-            plcImagePutsWaiting(w->setup.out, NULL, w->waiting);
-        for (i = 0; i < w->used; i++)
-            w->leaving[i] |= w->waiting[i];
-        w->news.outFaults |= plcFaultsSet(w->setup.outFaults, 0, w->used, w->leaving, w->lost);
+        plcImagePutsBack(w->setup.out);
+        w->news.outFaults = 1;
         w->news.lost = 1;
         strcpy(w->news.why, w->lost);
         w->state.connected = 0;

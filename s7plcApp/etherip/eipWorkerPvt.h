@@ -130,7 +130,9 @@ struct eipWorker {
     epicsUInt8 *in;              /* the image as the PLC has it */
     epicsUInt8 *leaving, *values; /* bits of puts that are being written */
     epicsUInt8 *waiting;         /* bits of puts: for a moment */
-    epicsUInt8 *written;         /* bits that were written since they were read: `in` is older */
+    epicsUInt8 *written;         /* bits that were written since they were read: `in` is older, */
+    epicsUInt8 *holds;           /* and this is what the PLC has taken; */
+    epicsUInt8 *unread;          /* and nothing was refused since: it will be read */
     epicsUInt8 *back;            /* bits of places that were bad and were read since; */
     int someBack;                /* there are some: their faults end with that value */
     eipPlaced *byPlace;          /* all wishes, sorted */

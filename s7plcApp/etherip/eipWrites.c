@@ -58,20 +58,28 @@ static void settle(eipWorker *w, const eipWant *want, const char *reason)
     size_t i;
 
     if (reason)
+        plcImagePutsFail(w->setup.out, want->place, want->room, mask, reason);
+    if (reason)
         changed = plcFaultsSet(w->setup.outFaults, want->place, want->room, mask, reason);
     else
         changed = plcFaultsClear(w->setup.outFaults, want->place, want->room, mask);
     for (i = 0; i < want->room; i++) {
-        if (reason)
-            w->back[want->place + i] &= (epicsUInt8)~mask[i];
-        else
-            w->written[want->place + i] |= mask[i];
+        size_t at = want->place + i;
+
+        if (reason) {
+            w->back[at] &= (epicsUInt8)~mask[i];
+            w->unread[at] &= (epicsUInt8)~mask[i]; /* the PLC holds what it held */
+            continue;
+        }
+        w->written[at] |= mask[i];
+        w->unread[at] |= mask[i];
+        w->holds[at] = (epicsUInt8)((w->holds[at] & ~mask[i]) | (w->values[at] & mask[i]));
     }
     w->refused |= reason != NULL;
     memset(mask, 0, want->room);
     if (!eipWorkerEnter(w))
         return;
-    w->news.outFaults |= changed || want->shared; /* then others follow */
+    w->news.outFaults |= changed || reason || want->shared; /* another put, or others follow */
     w->hasNews = 1;
     epicsMutexUnlock(w->lock);
 }
@@ -514,6 +522,21 @@ static void takeItem(eipWorker *w, unsigned i, const eipAnswer *answer, void *ar
     settleItem(w, it, answer->status ? reason : NULL);
 }
 
+/* A message with these has no answer: they may be in the PLC, or not. */
+static void loseItems(eipWorker *w, const batch *b, unsigned n)
+{
+    unsigned i, k;
+
+    for (i = b->from; i < b->from + n; i++)
+        for (k = b->items[i].want; k < b->items[i].want + b->items[i].wants; k++) {
+            const eipWant *want = &w->tags.wants[k];
+            const epicsUInt8 *mask = w->leaving + want->place;
+
+            plcFaultsSet(w->setup.outFaults, want->place, want->room, mask, w->lost);
+            plcImagePutsFail(w->setup.out, want->place, want->room, mask, w->lost);
+        }
+}
+
 static int sendBatch(eipWorker *w, batch *b)
 {
     eipLoad *loads = callocMustSucceed(b->count + 1, sizeof(*loads), "etherip");
@@ -548,6 +571,8 @@ static int sendBatch(eipWorker *w, batch *b)
             if (!status && !b->sent)
                 n = 0;
         }
+        if (status && w->lost[0])
+            loseItems(w, b, n);
     }
     free(loads);
     free(bins);

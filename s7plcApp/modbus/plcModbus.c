@@ -311,6 +311,7 @@ static void giveUp(plcModbus *m)
             m->leaving[i] |= m->waiting[i];
         m->news.outFaults |= plcFaultsSet(m->setup.outFaults, 0, m->setup.outSize,
                                           m->leaving, m->session.lost);
+        plcImagePutsBack(m->setup.out);
         m->news.lost = 1;
         strcpy(m->news.why, m->session.lost);
         plcWorkerTell(m);

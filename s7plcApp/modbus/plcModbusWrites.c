@@ -61,6 +61,7 @@ static void settle(plcModbus *m, const plcRequest *q, writeEnd end, const char *
         plcWorkerPieceMask(q, p, mask);
         news |= endBits(m, p->offset, size, mask, end);
         if (end != writeTaken) {
+            plcImagePutsFail(m->setup.out, p->offset, size, mask, reason);
             changed |= plcFaultsSet(m->setup.outFaults, p->offset, size, mask, reason);
         } else {
             changed |= plcFaultsClear(m->setup.outFaults, p->offset, size, mask);
@@ -74,7 +75,7 @@ static void settle(plcModbus *m, const plcRequest *q, writeEnd end, const char *
     else if (changed && end == writeRefused)
         plcWorkerNote(m, "write of %s: %s", plcWorkerWhere(q, text), reason);
     m->news.writes += end == writeTaken;
-    m->news.outFaults |= changed;
+    m->news.outFaults |= changed || end != writeTaken; /* it may be another put */
     plcWorkerTell(m);
 }
 

@@ -115,8 +115,10 @@ def test_tag_comes_back(plant, back):
         assert plant.ioc.alarm("a")[:2] == ("INVALID", "WRITE")
         plant.sim.command(f"etherip tag A DINT = {back}")
         plant.sim.command("etherip download")
+        plant.ioc.wait_value("a", back)
+        assert plant.ioc.alarm("a")[:2] == ("INVALID", "WRITE")  # until the next put
+        plant.ioc.put("a", back)
         plant.ioc.wait_alarm("a", "NO_ALARM")
-        assert plant.ioc.get("a") == back
     assert (7, 0) not in seen
 
 
@@ -176,3 +178,108 @@ def test_force_at_start(plant):
     plant.wait_tag("A", "77")
     plant.ioc.wait_value("b", 9)
     assert plant.tag("B") == "9" and plant.tag("C") == "7" and plant.ioc.get("a") == 77
+
+
+AWAY = "not written: PLC was away"
+
+
+def test_put_while_away(plant):
+    """A put while the PLC is away is void, and says so until the next put, whatever the PLC shows; not if it has that value"""
+    plant.tags("tag A DINT = 5", "tag B DINT = 6")
+    plant.records(rec("longout", "a", "A S 0.05"), rec("longout", "b", "B S 0.05"), rec("longin", "in", "A S 0.05"))
+    plant.ioc.wait_value("b", 6)
+    plant.sim.command("etherip refuse on")
+    plant.sim.command("etherip close")
+    plant.ioc.wait_alarm("in", "INVALID", "COMM")
+    plant.ioc.put("a", 9)
+    plant.ioc.put("b", 8)
+    assert plant.ioc.alarm("a")[:2] == plant.ioc.alarm("b")[:2] == ("INVALID", "COMM")
+    plant.set("A", 7)
+    plant.set("B", 8)
+    plant.sim.command("etherip refuse off")
+    plant.ioc.wait_alarm("a", "INVALID", "WRITE", AWAY)
+    plant.ioc.wait_alarm("b", "NO_ALARM")
+    assert plant.ioc.get("a") == 7 and plant.ioc.get("b") == 8
+    plant.set("A", 10)
+    plant.ioc.wait_value("a", 10)
+    assert plant.ioc.alarm("a") == ("INVALID", "WRITE", AWAY)
+    plant.ioc.put("a", 11)
+    assert plant.tag("A") == "11" and plant.ioc.severity("a") == "NO_ALARM"
+
+
+def test_puts_at_reconnects(plant):
+    """Puts with completion at the moment of a loss and of the reconnect: in the PLC, or the alarm says why not"""
+    plant.tags("tag A DINT = 5")
+    plant.records(rec("longout", "a", "A S 0.05"), before="EIP_timeout(300)")
+    plant.ioc.wait_value("a", 5)
+    void = 0
+    for value in range(100, 160):
+        plant.sim.command("etherip close" if value % 3 else "etherip close write next 1")
+        done = plant.ioc.put_callback("a", value)
+        until(done.is_set)
+        severity = plant.ioc.severity("a")
+        assert severity == "INVALID" or plant.tag("A") == str(value)
+        until(lambda: plant.ioc.alarm("a")[1] != "COMM")
+        until(lambda: str(plant.ioc.get("a")) == plant.tag("A"))
+        if plant.tag("A") == str(value):
+            plant.ioc.wait_alarm("a", "NO_ALARM")
+        else:
+            void += 1
+            assert plant.ioc.alarm("a")[:2] == ("INVALID", "WRITE") and plant.ioc.text("a.AMSG")
+    plant.ioc.put("a", 1)
+    plant.ioc.wait_alarm("a", "NO_ALARM")
+    assert void, "no put was void"
+
+
+def test_behind_a_silent_read(plant):
+    """A put that waits behind a read without answer was not on its way: it is not told 'no answer'"""
+    plant.tags("tag A DINT = 5", "tag E DINT")
+    plant.records(rec("longout", "a", "A S 100"), rec("longin", "e", "E S 0.02"), before="EIP_timeout(400)")
+    plant.ioc.wait_value("a", 5)
+    reasons = set()
+    for value in range(10, 20):
+        asked = plant.sim.command("etherip")
+        plant.sim.command("etherip silent tag E read next 1")
+        plant.ioc.process_record("e")
+        until(lambda: plant.sim.command("etherip") != asked)
+        done = plant.ioc.put_callback("a", value)
+        until(done.is_set)
+        plant.ioc.wait_alarm("e", "NO_ALARM")
+        until(lambda: plant.ioc.alarm("a")[1] != "COMM")
+        reason = plant.ioc.text("a.AMSG")
+        assert (reason == "") == (plant.tag("A") == str(value)), reason
+        reasons.add(reason)
+    assert reasons <= {"", AWAY} and AWAY in reasons
+
+
+def test_slow_and_refused(plant):
+    """A refused put goes back to the put before it, though that was not read yet"""
+    plant.tags("tag A DINT = 5")
+    plant.records(rec("longout", "a", "A S 100"))
+    plant.ioc.wait_value("a", 5)
+    plant.ioc.put("a", 21)
+    assert plant.tag("A") == "21"
+    plant.sim.command("etherip key run")
+    plant.ioc.put("a", 22)
+    plant.ioc.wait_value("a", 21)
+    assert plant.ioc.alarm("a") == ("INVALID", "WRITE", "PLC: key switch not in REM (10 2101)")
+
+
+def test_whose_alarm(plant):
+    """The alarm of a refused put is of the record that has put: not of others on the tag; it stays until that one puts again"""
+    plant.tags("tag A INT = 5")
+    plant.records(rec("longout", "a", "A S 0.05"), rec("longout", "a2", "A S 0.05"), rec("bo", "bit", "A.0 S 0.05"))
+    plant.ioc.wait_value("bit", 1)
+    plant.ioc.put("a", 70000)
+    plant.sim.command("etherip key run")
+    plant.ioc.put("a2", 8)
+    for value in (6, 7):
+        plant.set("A", value)
+        for name in ("a", "a2"):
+            plant.ioc.wait_value(name, value)
+        assert plant.ioc.alarm("a") == ("INVALID", "WRITE", "the value does not fit INT")
+        assert plant.ioc.alarm("a2") == ("INVALID", "WRITE", "PLC: key switch not in REM (10 2101)")
+        assert plant.ioc.severity("bit") == "NO_ALARM"
+    plant.set("A", 8)
+    plant.ioc.wait_alarm("a2", "NO_ALARM")  # the PLC has what was put
+    assert plant.ioc.alarm("a") == ("INVALID", "WRITE", "the value does not fit INT")

@@ -666,18 +666,42 @@ def test_timeout_of_follower(new_station):
     """no answer to the write of an output that follows: not sent again, the PLC's value with an alarm until a write is acknowledged"""
     s = new_station(words(3), *OFTEN, "requestTimeout 200", "track on", complete="acknowledged")
     s.ioc.put("o0", 1)
-    s.plc.silent = True
+    s.plc.judge = lambda request: 4 if request.writes else 0  # it does not do it either
+    s.plc.mangle = lambda request, frame: b"" if request.writes else frame  # reads are answered
     s.ioc.put("o2", 55)
     s.plc.wait_connected(2)
-    s.plc.silent = False
+    s.plc.judge, s.plc.mangle = lambda request: 0, None
     s.ioc.wait_value("o2", 0)
     s.ioc.wait_alarm("o2", "INVALID", "WRITE", "no answer for 200 ms")
     s.ioc.put("o0", 3)
     s.wait_register(0, 3)
-    assert s.ioc.alarm("o2")[:2] == ("INVALID", "WRITE") and s.written() == {0}
+    assert s.ioc.alarm("o2")[:2] == ("INVALID", "WRITE") and s.register(2) == 0
     s.ioc.put("o2", 56)
     s.wait_register(2, 56)
     assert s.ioc.alarm("o2") == ("NO_ALARM", "NO_ALARM", "")
+
+
+def test_put_void(new_station):
+    """track=on: a put while the device is away says so until the next put, when the device comes back with another value"""
+    s = new_station(words(3), *OFTEN, "track on")
+    s.ioc.put("o0", 1)
+    s.wait_register(0, 1)
+    s.plc.power_off()
+    s.ioc.wait_log("disconnected")
+    for name, value in ("o0", 5), ("o1", 6):
+        s.ioc.put(name, value)
+        s.ioc.wait_alarm(name, "INVALID", "COMM")
+    s.plc.holding[s.START + 1] = 6
+    s.plc.power_on()
+    s.ioc.wait_alarm("o0", "INVALID", "WRITE", "not written: PLC was away")
+    s.ioc.wait_alarm("o1", "NO_ALARM")
+    assert s.ioc.get("o0") == s.register(0) == 1
+    s.plc.holding[s.START] = 7
+    s.ioc.wait_value("o0", 7)
+    assert s.ioc.alarm("o0") == ("INVALID", "WRITE", "not written: PLC was away")
+    s.ioc.put("o0", 8)
+    s.wait_register(0, 8)
+    s.ioc.wait_alarm("o0", "NO_ALARM")
 
 
 def test_waiting_when_lost(new_station):

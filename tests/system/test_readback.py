@@ -146,6 +146,30 @@ def test_put_too_early(new_peer, new_ioc):
     assert_follows(ioc)
 
 
+def test_put_void(new_peer, new_ioc):
+    """a put that the PLC's value replaces at a reconnect says so until the next put; not if it is that value"""
+    peer = new_peer(48, 32)
+    ioc = new_ioc(peer.configure(recv_timeout=20000, send_interval=50), database(True, "NO"))
+    peer.wait_connected()
+    peer.send(bytes(16) + HELD)
+    assert_follows(ioc)
+    ioc.put("long", 7)
+    assert peer.wait_block(held(long=7))
+    peer.hang_up()  # has it arrived?
+    peer.wait_connected()
+    ioc.put("linear", 1.0)
+    ioc.put("big", 1 << 40)
+    assert ioc.alarm("linear") == ioc.alarm("big") == ("INVALID", "COMM", "waiting for the PLC's value")
+    peer.send(bytes(16) + HELD)
+    ioc.wait_alarm("long", "INVALID", "WRITE", "not confirmed: PLC was away")
+    ioc.wait_alarm("linear", "INVALID", "WRITE", "not written: PLC was away")
+    ioc.wait_alarm("big", "NO_ALARM")
+    assert ioc.get("long") == 1234 and ioc.get("linear") == 2.5
+    assert ioc.alarm("real")[0] == "NO_ALARM"
+    ioc.put("linear", 2.0)
+    assert ioc.alarm("linear")[0] == "NO_ALARM" and ioc.alarm("long")[1] == "WRITE"
+
+
 def test_contradiction(new_peer, new_ioc):
     """an R= that contradicts readback= is refused with both numbers"""
     peer = new_peer(48, 32)

@@ -81,7 +81,10 @@ static int news(void *pvt, plcNews *n, void *input, void *output)
     }
     n->shown = epicsAtomicCmpAndSwapIntT(&fake.shows, 1, 0);
     if (n->shown)
-        memset(output, 0, made.outSize);
+        memcpy(output, fake.output, made.outSize);
+    n->lost = epicsAtomicCmpAndSwapIntT(&fake.lost, 1, 0);
+    if (n->lost)
+        strcpy(n->why, "no answer");
     n->outFaults = epicsAtomicCmpAndSwapIntT(&fake.faults, 1, 0);
     return 1;
 }
@@ -92,17 +95,14 @@ static void put(void *pvt, const void *image, const void *mask)
     epicsAtomicIncrIntT(&fake.puts);
 }
 
-const plcTransport fakeTransport = {.name = "fake",
-                                    .prefix = "fake ",
-                                    .shows = 1,
-                                    .create = create,
-                                    .destroy = nothing,
-                                    .begin = nothing,
-                                    .end = nothing,
-                                    .pause = longestPause,
-                                    .options = options,
-                                    .up = up,
-                                    .whole = whole,
-                                    .down = down,
-                                    .news = news,
-                                    .put = put};
+/* takes: takesPuts */
+#define FAKE(takes)                                                                        \
+    {                                                                                      \
+        .name = "fake", .prefix = "fake ", .shows = 1, .takesPuts = takes,                 \
+        .create = create, .destroy = nothing, .begin = nothing, .end = nothing,            \
+        .pause = longestPause, .options = options, .up = up, .whole = whole, .down = down, \
+        .news = news, .put = put                                                           \
+    }
+
+const plcTransport fakeTransport = FAKE(0);
+const plcTransport fakeTransportPuts = FAKE(1);

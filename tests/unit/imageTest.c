@@ -133,7 +133,7 @@ static void testEdgesSeen(void)
 {
     plcImage *image = plcImageCreate(1);
     epicsUInt8 seen = 9;
-    plcWritten written;
+    plcWritten written = {.last = NULL};
     epicsUInt64 dropped = 0;
     int i, takes = 0;
 

@@ -196,7 +196,7 @@ static const char *putOf(const char *at, plcPut *put, epicsUInt8 *mask)
     unsigned long offset, length;
 
     sscanf(at, "%lu,%lu%n", &offset, &length, &n);
-    *put = (plcPut){offset, length, data, NULL};
+    *put = (plcPut){offset, length, data, NULL, NULL};
     at += n;
     if (*at == ':') {
         put->mask = mask;

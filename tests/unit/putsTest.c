@@ -15,7 +15,8 @@ static epicsUInt8 values[size], mask[size];
 static epicsUInt64 add(plcPuts *p, size_t offset, const char *data, const char *bits,
                        int edges)
 {
-    plcPut put = {offset, strlen(data), (const epicsUInt8 *)data, (const epicsUInt8 *)bits};
+    plcPut put = {offset, strlen(data), (const epicsUInt8 *)data, (const epicsUInt8 *)bits,
+                  NULL};
 
     return plcPutsAdd(p, &put, edges);
 }
@@ -241,7 +242,7 @@ static void randomWalk(unsigned seed)
             epicsUInt8 data[size], some[size];
             size_t i;
             int masked = rand() % 2;
-            plcPut put = {offset, length, data, masked ? some : NULL};
+            plcPut put = {offset, length, data, masked ? some : NULL, NULL};
 
             for (i = 0; i < length; i++) {
                 data[i] = (epicsUInt8)rand();

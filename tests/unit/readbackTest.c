@@ -36,7 +36,7 @@ static void end(void)
 
 static void putByte(size_t offset, char byte, const void *mask)
 {
-    plcWritten written;
+    plcWritten written = {.last = NULL};
 
     plcReadbackWrite(r, more, out, offset, 1, &byte, mask, &written, now);
 }
@@ -167,7 +167,7 @@ static void testMasks(void)
 
 static void putTwo(const char *bytes)
 {
-    plcWritten written;
+    plcWritten written = {.last = NULL};
 
     plcReadbackWrite(r, more, out, 0, 2, bytes, NULL, &written, now);
     leave();

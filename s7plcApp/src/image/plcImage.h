@@ -17,8 +17,6 @@
 
 typedef struct plcImage plcImage;
 
-#define PLC_REASON_SIZE 40 /* AMSG of a record, with its terminator */
-
 /* An image of `size` bytes, all zero, not valid, with the reason "not connected yet". */
 plcImage *plcImageCreate(size_t size);
 void plcImageDestroy(plcImage *image);
@@ -58,6 +56,7 @@ typedef struct plcWritten {
     size_t takes;       /* how often the image had been taken just before, or will have been at
                          * most when a put that waits is written: it leaves with a later take */
     epicsUInt64 number; /* of the put; 0: the image does not keep puts */
+    plcLastPut *last;   /* set by the caller: filled when the write is made; NULL: nobody asks */
 } plcWritten;
 
 /* Writes `length` bytes at `offset`, only the bits that are set in `mask` (NULL: all).
@@ -127,6 +126,30 @@ void plcImagePutsGiveUp(plcImage *image, const void *mask);
  * connection. */
 plcPutFate plcImageCancel(plcImage *image, epicsUInt64 number, size_t offset, size_t length,
                           const void *mask);
+
+/* --- What became of a put: see plcLastPut ------------------------------------------------- */
+
+/* These are asked for by their owner from now on, / no longer. Of an image that keeps no puts
+ * only what plcImageRefuse says is known. */
+void plcImageAsk(plcImage *image, plcLastPut *last);
+void plcImageAskNot(plcImage *image, plcLastPut *last);
+
+/* The last put was not made, or is not in the PLC, for this reason; its value is of no interest. */
+void plcImageRefuse(plcImage *image, plcLastPut *last, const char *why);
+
+/* What became of the last put is of no interest any more. */
+void plcImageForgive(plcImage *image, plcLastPut *last);
+
+/* Returns 1 and the reason when the last put is not in the PLC, else 0 and "". */
+int plcImageWhyNot(plcImage *image, const plcLastPut *last, char why[PLC_REASON_SIZE]);
+
+/* 1 while the last put has not left, or has no answer. */
+int plcImageWaits(plcImage *image, const plcLastPut *last);
+
+/* See plcPutsFail, plcPutsShown. */
+void plcImagePutsFail(plcImage *image, size_t offset, size_t length, const void *mask,
+                      const char *why);
+int plcImagePutsShown(plcImage *image, const void *shown, const void *unknown);
 
 /* How many puts wait or are under way; of puts that are kept also their bits in mask, and what
  * the image holds there, in values (both as large as the image, may be NULL). */

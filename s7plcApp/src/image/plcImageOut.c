@@ -57,9 +57,9 @@ static int differs(const epicsUInt8 *to, const epicsUInt8 *from, const epicsUInt
 
 /* These bits were written. The lock is held. Returns the number of the put. */
 static epicsUInt64 mark(plcImage *image, size_t offset, size_t length,
-                        const epicsUInt8 *src, const epicsUInt8 *mask)
+                        const epicsUInt8 *src, const epicsUInt8 *mask, plcLastPut *last)
 {
-    plcPut what = {offset, length, src, mask};
+    plcPut what = {offset, length, src, mask, last};
     size_t i;
 
     for (i = 0; i < length; i++)
@@ -67,14 +67,15 @@ static epicsUInt64 mark(plcImage *image, size_t offset, size_t length,
     return plcPutsAdd(image->puts, &what, mask || image->allEdges);
 }
 
-/* These bits are not ours any more. The lock is held. */
-static void unmark(plcImage *image, size_t offset, size_t length, const epicsUInt8 *mask)
+/* These bits are the PLC's from now on. The lock is held. */
+static void unmark(plcImage *image, size_t offset, size_t length, const epicsUInt8 *value,
+                   const epicsUInt8 *mask)
 {
     size_t i;
 
     for (i = 0; i < length; i++)
         image->ours[offset + i] &= mask ? (epicsUInt8)~mask[i] : 0;
-    plcPutsVoid(image->puts, offset, length, mask);
+    plcPutsReplace(image->puts, offset, length, value, mask);
 }
 
 /* True when the put would undo a change of a bit that has not left, or comes behind one that
@@ -133,7 +134,7 @@ static unsigned writeWaiting(plcImage *image)
 int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src,
                   const void *mask, plcWritten *written)
 {
-    plcWritten ignored;
+    plcWritten ignored = {.last = NULL};
     int first;
 
     if (!written)
@@ -146,7 +147,7 @@ int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src
         return -1;
     }
     if (mustWait(image, offset, length, src, mask)) {
-        plcPut what = {offset, length, src, mask};
+        plcPut what = {offset, length, src, mask, NULL};
 
         plcPutsAdd(image->edges, &what, mask != NULL);
         written->takes += plcPutsCount(image->edges);
@@ -154,7 +155,12 @@ int plcImageWrite(plcImage *image, size_t offset, size_t length, const void *src
         put(plcImageSeen(image) + offset, src, mask, length);
     }
     if (image->puts)
-        written->number = mark(image, offset, length, src, mask);
+        written->number = mark(image, offset, length, src, mask, written->last);
+    else if (written->last)
+        plcLastPutBegin(NULL, written->last, 0,
+                        &(plcPut){offset, length, src, mask, NULL});
+    if (written->last)
+        written->last->takes = written->takes;
     first = !plcImageDirty(image);
     setDirty(image, 1);
     epicsMutexUnlock(image->lock);
@@ -196,7 +202,7 @@ int plcImageSet(plcImage *image, size_t offset, size_t length, const void *src,
     if (wanted && image->edges)
         put(leftOf(image) + offset, src, mask, length);
     if (wanted && image->puts)
-        unmark(image, offset, length, mask);
+        unmark(image, offset, length, src, mask);
     epicsMutexUnlock(image->lock);
     return changed;
 }
@@ -387,6 +393,79 @@ plcPutFate plcImageCancel(plcImage *image, epicsUInt64 number, size_t offset, si
         disown(image, offset + i, bits ? bits[i] : 0xff);
     epicsMutexUnlock(image->lock);
     return fate;
+}
+
+/* --- What became of a put --------------------------------------------------------- */
+
+void plcImageAsk(plcImage *image, plcLastPut *last)
+{
+    epicsMutexMustLock(image->lock);
+    if (image->puts)
+        plcPutsAsk(image->puts, last);
+    epicsMutexUnlock(image->lock);
+}
+
+void plcImageAskNot(plcImage *image, plcLastPut *last)
+{
+    epicsMutexMustLock(image->lock);
+    if (image->puts)
+        plcPutsAskNot(image->puts, last);
+    epicsMutexUnlock(image->lock);
+}
+
+void plcImageRefuse(plcImage *image, plcLastPut *last, const char *why)
+{
+    epicsMutexMustLock(image->lock);
+    if (!last->goesOn)
+        last->first = last->number;
+    plcLastPutFail(image->puts, last, PLC_PUT_NEVER, why);
+    epicsMutexUnlock(image->lock);
+}
+
+void plcImageForgive(plcImage *image, plcLastPut *last)
+{
+    epicsMutexMustLock(image->lock);
+    plcLastPutForgive(image->puts, last);
+    epicsMutexUnlock(image->lock);
+}
+
+int plcImageWhyNot(plcImage *image, const plcLastPut *last, char why[PLC_REASON_SIZE])
+{
+    why[0] = 0;
+    if (!__atomic_load_n(&last->why[0], __ATOMIC_ACQUIRE))
+        return 0;
+    epicsMutexMustLock(image->lock);
+    memcpy(why, last->why, PLC_REASON_SIZE);
+    epicsMutexUnlock(image->lock);
+    return why[0] != 0;
+}
+
+int plcImageWaits(plcImage *image, const plcLastPut *last)
+{
+    int waits;
+
+    epicsMutexMustLock(image->lock);
+    waits = last->waits;
+    epicsMutexUnlock(image->lock);
+    return waits;
+}
+
+void plcImagePutsFail(plcImage *image, size_t offset, size_t length, const void *mask,
+                      const char *why)
+{
+    epicsMutexMustLock(image->lock);
+    plcPutsFail(image->puts, offset, length, mask, why);
+    epicsMutexUnlock(image->lock);
+}
+
+int plcImagePutsShown(plcImage *image, const void *shown, const void *unknown)
+{
+    int news;
+
+    epicsMutexMustLock(image->lock);
+    news = image->puts && plcPutsShown(image->puts, shown, unknown);
+    epicsMutexUnlock(image->lock);
+    return news;
 }
 
 unsigned plcImagePutsWaiting(plcImage *image, void *values, void *mask)

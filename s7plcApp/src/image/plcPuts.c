@@ -7,6 +7,9 @@
 
 #include "plcPuts.h"
 
+const char plcNotWritten[] = "not written: PLC was away";
+const char plcNotConfirmed[] = "not confirmed: PLC was away";
+
 /* One put; its bytes, and its mask where it has one, stand behind it. */
 typedef struct entry {
     ELLNODE node;
@@ -15,6 +18,10 @@ typedef struct entry {
     int edges;
     int cancelled; /* under way: it does not wait again */
     int masked;
+    int failed;        /* not all of it is in the PLC */
+    int lost;          /* and never will be */
+    plcLastPut *who;   /* asks for it; NULL: nobody, */
+    int again;         /* since it is put again, for all who have put there */
     epicsUInt8 bytes[1]; /* length, and as many again for the mask */
 } entry;
 
@@ -25,6 +32,8 @@ struct plcPuts {
     epicsUInt64 number; /* of the last */
     epicsUInt64 dropped;
     int away;
+    ELLLIST asking;     /* plcLastPut */
+    unsigned failed;    /* of these: with a reason */
     entry **newest; /* for each offset: the last put that begins there and waits, or NULL */
 };
 
@@ -62,7 +71,7 @@ static epicsUInt8 *maskOf(entry *e)
 
 static plcPut viewOf(entry *e)
 {
-    return (plcPut){e->offset, e->length, e->bytes, maskOf(e)};
+    return (plcPut){e->offset, e->length, e->bytes, maskOf(e), e->who};
 }
 
 static int samePlace(entry *e, const plcPut *put)
@@ -72,17 +81,161 @@ static int samePlace(entry *e, const plcPut *put)
     return !put->mask || memcmp(maskOf(e), put->mask, e->length) == 0;
 }
 
+/* True when bits of the entry are among these. */
+static int touches(entry *e, size_t offset, size_t length, const epicsUInt8 *mask)
+{
+    size_t i, at;
+
+    for (i = 0; i < e->length; i++) {
+        at = e->offset + i;
+        if (at >= offset && at < offset + length &&
+            (e->masked ? maskOf(e)[i] : 0xff) & (mask ? mask[at - offset] : 0xff))
+            return 1;
+    }
+    return 0;
+}
+
+/* True when all of its bits are. */
+static int isWithin(entry *e, size_t offset, size_t length, const epicsUInt8 *mask)
+{
+    size_t i, at;
+
+    for (i = 0; i < e->length; i++) {
+        epicsUInt8 bits = e->masked ? maskOf(e)[i] : 0xff;
+
+        at = e->offset + i;
+        if (bits && (at < offset || at >= offset + length ||
+                     (mask && bits & ~mask[at - offset])))
+            return 0;
+    }
+    return 1;
+}
+
+/* True when bits of that place are among those of the entry. */
+static int liesIn(entry *e, const plcLastPut *who)
+{
+    return touches(e, who->offset, who->length, who->masked ? who->mask : NULL);
+}
+
 static entry *entryOf(const plcPut *put, int edges, epicsUInt64 number)
 {
     entry *e = callocMustSucceed(1, sizeof(*e) + 2 * put->length, "plcPuts");
 
     *e = (entry){.first = number, .last = number, .offset = put->offset,
-                 .length = put->length, .edges = edges, .masked = put->mask != NULL};
+                 .length = put->length, .edges = edges, .masked = put->mask != NULL,
+                 .who = put->last};
     memcpy(e->bytes, put->data, put->length);
     if (put->mask)
         memcpy(maskOf(e), put->mask, put->length);
     return e;
 }
+
+/* --- Who asks ----------------------------------------------------------------------------*/
+
+static void setWhy(plcPuts *p, plcLastPut *who, const char *why)
+{
+    char first = why[0];
+
+    if (p)
+        p->failed = p->failed + (first != 0) - (who->why[0] != 0);
+    strncpy(who->why + 1, first ? why + 1 : why, sizeof(who->why) - 2);
+    __atomic_store_n(&who->why[0], first, __ATOMIC_RELEASE);
+}
+
+void plcLastPutBegin(plcPuts *p, plcLastPut *who, epicsUInt64 number, const plcPut *put)
+{
+    who->number = number;
+    who->waits = p != NULL;
+    if (put->length)
+        memcpy(who->bytes, put->data, put->length);
+    if (who->goesOn)
+        return;
+    who->first = number;
+    who->bad = 0;
+    setWhy(p, who, "");
+}
+
+void plcLastPutFail(plcPuts *p, plcLastPut *who, epicsUInt64 number, const char *why)
+{
+    int begins = who->first != who->number && who->bad < number; /* of a pulse: that reason stays */
+
+    if (who->why[0] && number != PLC_PUT_NEVER && (begins || who->bad == PLC_PUT_NEVER))
+        return;
+    who->bad = number;
+    who->looks = 0;
+    setWhy(p, who, why);
+}
+
+void plcLastPutForgive(plcPuts *p, plcLastPut *who)
+{
+    setWhy(p, who, "");
+}
+
+void plcPutsAsk(plcPuts *p, plcLastPut *who)
+{
+    ellAdd(&p->asking, &who->node);
+}
+
+static void forgetWho(ELLLIST *list, const plcLastPut *who)
+{
+    ELLNODE *node;
+
+    for (node = ellFirst(list); node; node = ellNext(node))
+        if (((entry *)node)->who == who)
+            ((entry *)node)->who = NULL;
+}
+
+void plcPutsAskNot(plcPuts *p, plcLastPut *who)
+{
+    setWhy(p, who, "");
+    ellDelete(&p->asking, &who->node);
+    forgetWho(&p->waiting, who);
+    forgetWho(&p->underWay, who);
+}
+
+/* Whose put the entry is; of one that is put again: all whose last put is through and lies there. The
+ * next one after `before`, NULL: the first. */
+static plcLastPut *nextWho(plcPuts *p, entry *e, plcLastPut *before)
+{
+    plcLastPut *who;
+
+    if (!e->again)
+        return before || !e->who || e->who->first > e->last ? NULL : e->who;
+    who = (plcLastPut *)(before ? ellNext(&before->node) : ellFirst(&p->asking));
+    while (who && (who->waits || !who->number || !liesIn(e, who)))
+        who = (plcLastPut *)ellNext(&who->node);
+    return who;
+}
+
+/* The entry is no more. */
+static void letGo(entry *e)
+{
+    if (e->who && e->who->number == e->last)
+        e->who->waits = 0;
+    free(e);
+}
+
+static void fail(plcPuts *p, entry *e, const char *why)
+{
+    plcLastPut *who = NULL;
+
+    e->failed = 1;
+    while ((who = nextWho(p, e, who)))
+        plcLastPutFail(p, who, e->again ? who->number : e->last, why);
+}
+
+/* It is in the PLC. */
+static void taken(plcPuts *p, entry *e)
+{
+    plcLastPut *who = NULL;
+
+    while ((who = nextWho(p, e, who)))
+        if (who->why[0] && (e->again ? who->bad == who->number
+                                     : who->bad >= e->first && who->bad <= e->last))
+            setWhy(p, who, "");
+}
+
+/* --- Lists -------------------------------------------------------------------------------*/
 
 /* An entry leaves the list of those that wait. */
 static void unlinkEntry(plcPuts *p, entry *e)
@@ -100,7 +253,7 @@ static void unlinkEntry(plcPuts *p, entry *e)
 static void dropEntry(plcPuts *p, entry *e)
 {
     unlinkEntry(p, e);
-    free(e);
+    letGo(e);
 }
 
 /* Of each place the newest remains, in the order in which these were made. */
@@ -140,6 +293,9 @@ static int takesPlace(plcPuts *p, const plcPut *put, int edges)
     if ((edges || e->edges) && memcmp(e->bytes, put->data, put->length) != 0)
         return 0;
     memcpy(e->bytes, put->data, put->length);
+    if (e->who && e->who != put->last)
+        e->who->waits = 0;
+    e->who = put->last;
     e->last = p->number;
     return 1;
 }
@@ -149,6 +305,8 @@ epicsUInt64 plcPutsAdd(plcPuts *p, const plcPut *put, int edges)
     entry *e;
 
     p->number++;
+    if (put->last)
+        plcLastPutBegin(p, put->last, p->number, put);
     if (put->length == 0 || takesPlace(p, put, edges))
         return p->number;
     if ((unsigned)ellCount(&p->waiting) >= p->most)
@@ -162,7 +320,10 @@ epicsUInt64 plcPutsAdd(plcPuts *p, const plcPut *put, int edges)
 void plcPutsAway(plcPuts *p, int away)
 {
     epicsUInt64 dropped = p->dropped;
+    ELLNODE *node = away && p->failed ? ellFirst(&p->asking) : NULL;
 
+    for (; node; node = ellNext(node))
+        ((plcLastPut *)node)->looks = 1; /* what the PLC shows next is no older */
     p->away = away;
     if (away)
         thinOut(p);
@@ -207,15 +368,87 @@ void plcPutsVoidAll(plcPuts *p)
 {
     ELLNODE *node;
 
-    for (node = ellFirst(&p->waiting); node; node = ellNext(node))
+    while ((node = ellGet(&p->waiting))) {
         p->newest[((entry *)node)->offset] = NULL;
-    ellFree(&p->waiting);
+        letGo((entry *)node);
+    }
+}
+
+/* True when the value has other bits there than the entry. */
+static int isOther(entry *e, size_t offset, size_t length, const epicsUInt8 *value,
+                   const epicsUInt8 *mask)
+{
+    size_t i, at;
+
+    for (i = 0; i < e->length; i++) {
+        at = e->offset + i;
+        if (at >= offset && at < offset + length &&
+            (e->bytes[i] ^ value[at - offset]) & (mask ? mask[at - offset] : 0xff) &
+                (e->masked ? maskOf(e)[i] : 0xff))
+            return 1;
+    }
+    return 0;
+}
+
+void plcPutsReplace(plcPuts *p, size_t offset, size_t length, const void *value,
+                    const void *mask)
+{
+    entry *e, *next;
+
+    for (e = (entry *)ellFirst(&p->waiting); e; e = next) {
+        next = (entry *)ellNext(&e->node);
+        if (!isOther(e, offset, length, value, mask)) {
+            if (!e->lost && isWithin(e, offset, length, mask))
+                taken(p, e); /* so it is there */
+        } else if (e->who && e->who->tells && e->who->first <= e->last && !e->who->why[0]) {
+            fail(p, e, plcNotWritten);
+        }
+    }
+    plcPutsVoid(p, offset, length, mask);
+}
+
+void plcPutsFail(plcPuts *p, size_t offset, size_t length, const void *mask, const char *why)
+{
+    entry *e;
+
+    for (e = (entry *)ellFirst(&p->underWay); e; e = (entry *)ellNext(&e->node))
+        if (!e->failed && touches(e, offset, length, mask))
+            fail(p, e, why);
+}
+
+static int isShown(const plcLastPut *who, const epicsUInt8 *shown, const epicsUInt8 *unknown)
+{
+    size_t i, at;
+
+    for (i = 0; i < who->length; i++) {
+        at = who->offset + i;
+        if (((who->bytes[i] ^ shown[at]) | (unknown ? unknown[at] : 0)) &
+            (who->masked ? who->mask[i] : 0xff))
+            return 0;
+    }
+    return 1;
+}
+
+/* The first look may be older than what has failed. */
+int plcPutsShown(plcPuts *p, const void *shown, const void *unknown)
+{
+    plcLastPut *who = p->failed ? (plcLastPut *)ellFirst(&p->asking) : NULL;
+    int news = 0;
+
+    for (; who; who = (plcLastPut *)ellNext(&who->node)) {
+        if (!who->why[0] || who->waits || who->bad != who->number || !who->looks++ ||
+            !isShown(who, shown, unknown))
+            continue;
+        setWhy(p, who, "");
+        news = 1;
+    }
+    return news;
 }
 
 int plcPutsAhead(plcPuts *p, const void *image, const void *mask)
 {
     const epicsUInt8 *bits = mask;
-    plcPut all = {0, p->size, image, mask};
+    plcPut all = {0, p->size, image, mask, NULL};
     epicsUInt8 *waiting;
     entry *e;
     size_t i;
@@ -234,6 +467,7 @@ int plcPutsAhead(plcPuts *p, const void *image, const void *mask)
         return 0;
     }
     e->first = e->last = plcPutsThrough(p) + 1; /* nobody waits for it */
+    e->again = 1;
     ellInsert(&p->waiting, NULL, &e->node);
     if (!p->newest[0])
         p->newest[0] = e;
@@ -294,7 +528,13 @@ unsigned plcPutsTake(plcPuts *p, int (*joins)(void *arg, const plcPut *put), voi
 
 void plcPutsDone(plcPuts *p)
 {
-    ellFree(&p->underWay);
+    entry *e;
+
+    while ((e = (entry *)ellGet(&p->underWay))) {
+        if (!e->failed && !e->lost)
+            taken(p, e);
+        letGo(e);
+    }
 }
 
 void plcPutsBack(plcPuts *p)
@@ -304,9 +544,10 @@ void plcPutsBack(plcPuts *p)
     while ((e = (entry *)ellLast(&p->underWay))) {
         ellDelete(&p->underWay, &e->node);
         if (e->cancelled) {
-            free(e);
+            letGo(e);
             continue;
         }
+        e->failed = 0; /* the next time it may not */
         ellInsert(&p->waiting, NULL, &e->node);
         if (!p->newest[e->offset])
             p->newest[e->offset] = e;
@@ -321,10 +562,11 @@ void plcPutsEnd(plcPuts *p, const void *mask)
 
     for (e = (entry *)ellFirst(&p->underWay); e; e = next) {
         next = (entry *)ellNext(&e->node);
+        e->lost |= touches(e, 0, p->room, mask);
         if (!without(e, 0, p->room, mask))
             continue;
         ellDelete(&p->underWay, &e->node);
-        free(e);
+        letGo(e);
     }
 }
 

@@ -15,15 +15,48 @@
 
 #include <stddef.h>
 
+#include <ellLib.h>
 #include <epicsTypes.h>
 
+#define PLC_REASON_SIZE 40 /* AMSG of a record, with its terminator */
+
 typedef struct plcPuts plcPuts;
+
+/* What becomes of the last put of one who asks: he gives the room and keeps it until he asks no more.
+ * The alarm of a put is his who has put, until his next one. The image's lock guards what is below
+ * the line. */
+typedef struct plcLastPut {
+    ELLNODE node;
+    size_t offset, length; /* of his place: all of his puts are there */
+    int masked;            /* only these bits of it, */
+    epicsUInt8 mask[8];
+    epicsUInt8 *bytes;     /* room for `length` bytes: the value of the last put */
+    int goesOn;            /* before a put: it ends what the one before began (a pulse), whose reason stays */
+    int tells;             /* before a put: that another value takes its place is worth a word */
+    /* ---- */
+    epicsUInt64 first, number; /* of his put, or of the first one of a pulse and the last; 0: none */
+    size_t takes;              /* plcWritten.takes of the last */
+    int waits;                 /* it is not through, nor void */
+    epicsUInt64 bad;           /* this one is not in the PLC, */
+    int looks;                 /* and the PLC has shown its values so often since */
+    char why[PLC_REASON_SIZE]; /* for this reason; "": it is, or waits */
+} plcLastPut;
+
+/* plcLastPut.bad of a put that was not made: no value that the PLC shows ends its reason. */
+#define PLC_PUT_NEVER (~(epicsUInt64)0)
+
+/* plcLastPut.why of a put that never left, and in whose place the PLC's value came. */
+extern const char plcNotWritten[];
+
+/* The same of one that had left with a block, while it is not known whether it has arrived. */
+extern const char plcNotConfirmed[];
 
 /* A look at one. */
 typedef struct plcPut {
     size_t offset, length;   /* bytes of the image */
     const epicsUInt8 *data;  /* length bytes */
     const epicsUInt8 *mask;  /* the bits that count; NULL: all */
+    plcLastPut *last;        /* of the one who has put; NULL: nobody asks */
 } plcPut;
 
 /* For an image of `size` bytes. More than `most` puts are not kept in their order: of each
@@ -40,6 +73,29 @@ epicsUInt64 plcPutsAdd(plcPuts *puts, const plcPut *put, int edges);
 /* The PLC is away (1): from now on there is one put of each place, the newest, where it was
  * made; what waits is thinned out like that too. 0: it is back. */
 void plcPutsAway(plcPuts *puts, int away);
+
+/* Somebody asks what becomes of his puts / asks no more. */
+void plcPutsAsk(plcPuts *puts, plcLastPut *last);
+void plcPutsAskNot(plcPuts *puts, plcLastPut *last);
+
+/* What is under way to these bits (mask NULL: all of them) has failed: it is not in the PLC, for this
+ * reason, until it is taken after all. */
+void plcPutsFail(plcPuts *puts, size_t offset, size_t length, const void *mask, const char *why);
+
+/* The same for one who asks, without regard to what is on its way. plcLastPutBegin: he has put. puts
+ * is NULL where none are kept. */
+void plcLastPutFail(plcPuts *puts, plcLastPut *who, epicsUInt64 number, const char *why);
+void plcLastPutBegin(plcPuts *puts, plcLastPut *who, epicsUInt64 number, const plcPut *put);
+void plcLastPutForgive(plcPuts *puts, plcLastPut *who);
+
+/* The PLC shows these bytes, as large as the image, but the bits set in `unknown` (NULL: none): where it
+ * has what was put, that has not failed. Returns 1 when that is news. */
+int plcPutsShown(plcPuts *puts, const void *shown, const void *unknown);
+
+/* The PLC's value takes the place of what waits there: who has put another one and tells, gets
+ * plcNotWritten, unless his put has failed already. */
+void plcPutsReplace(plcPuts *puts, size_t offset, size_t length, const void *value,
+                    const void *mask);
 
 /* These bits are not to be put any more. mask NULL: all of them. */
 void plcPutsVoid(plcPuts *puts, size_t offset, size_t length, const void *mask);

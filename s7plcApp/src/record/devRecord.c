@@ -93,16 +93,3 @@ int devSays(const dbCommon *prec, const char *reason)
     return 1;
 #endif
 }
-
-long devRefuseWrite(dbCommon *prec, const char *format, ...)
-{
-    char text[PLC_REASON_SIZE];
-    va_list args;
-
-    va_start(args, format);
-    epicsVsnprintf(text, sizeof(text), format, args);
-    va_end(args);
-    devOverUndefined(prec);
-    recGblSetSevrMsg(prec, WRITE_ALARM, INVALID_ALARM, "%s", text);
-    return -1;
-}

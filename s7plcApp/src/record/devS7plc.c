@@ -285,11 +285,25 @@ static void release(devRecord *dev)
         plcOwnersRemove(plcStationOwners(dev->station), &dev->owner);
     if (dev->shifted)
         *dev->shifted = dev->unshifted;
+    if (dev->last.bytes)
+        plcImageAskNot(dev->image, &dev->last);
     if (dev->forget)
         dev->forget(dev);
+    free(dev->last.bytes);
     free(dev->reason);
     free(dev->buffer);
     free(dev);
+}
+
+void devAsk(devRecord *dev, plcLastPut *last, size_t offset, size_t length, const void *mask)
+{
+    last->offset = offset;
+    last->length = length;
+    last->masked = mask != NULL;
+    if (mask)
+        memcpy(last->mask, mask, length);
+    last->bytes = callocMustSucceed(1, length + 1, "S7plc put");
+    plcImageAsk(dev->image, last);
 }
 
 /* Binds the record to its place. A refused link leaves it with the reason and INVALID. */
@@ -298,6 +312,7 @@ static void attach(dbCommon *prec)
     devRecord *dev = callocMustSucceed(1, sizeof(*dev), "S7plc record");
     const char *text = linkText(prec);
     plcLinkError error = {0, ""};
+    epicsUInt8 bits[DEV_SCALAR];
 
     prec->dpvt = dev;
     dev->prec = prec;
@@ -308,6 +323,8 @@ static void attach(dbCommon *prec)
             devFollowJoin(dev);
         if (dev->shown && !dev->unseen)
             dev->unseen = devNotShown;
+        if (out)
+            devAsk(dev, &dev->last, dev->offset, dev->length, devMask(dev, bits));
         if (out && dev->faults)
             devListJoin(dev, devWaiting);
         plcStationOnTake(dev->station, devFollowAll);

@@ -84,10 +84,10 @@ typedef struct devRecord {
     epicsUInt8 *shown; /* the bytes that VAL shows now, NULL: no read-back */
     int known;         /* shown is filled, */
     int taken;         /* by what the PLC has, not by a put */
+    int unproven;      /* put, and the PLC's values were not taken since */
     int following;     /* the record processes in order to follow, not to write */
     int takes;         /* plcStationTakes when it followed last */
     int refused;       /* the write that runs was refused by the station */
-    int back;          /* the PLC has refused the last put: the value went back */
     int cut;           /* the last value did not fit: what is written is another one */
     /* outputs that are active until the PLC has taken or refused their put */
     plcPutMark mark; /* of the last put; number 0: the record does not wait */
@@ -95,7 +95,7 @@ typedef struct devRecord {
     /* outputs whose value waits for the PLC, or was refused by it */
     epicsEnum16 raised; /* the record has this alarm for it (COMM, WRITE; 0: none), instead of */
     epicsEnum16 hiddenStatus, hiddenSeverity; /* this one */
-    char held[PLC_REASON_SIZE]; /* why the 1 of a pulse was refused, while its 0 is the last put */
+    plcLastPut last; /* what became of its last put; its alarm, until the next one */
     /* a wire that has links of its own */
     void *own; /* what its resolve has made, */
     void (*forget)(struct devRecord *dev); /* and what ends it; NULL: nothing */
@@ -170,6 +170,9 @@ dbCommon *devListTake(plcStation *station, devListKind which, int (*ready)(devRe
 /* The transfer of all outputs: writes, or follows the PLC's value. */
 long devWrite(dbCommon *prec);
 
+/* The record asks what becomes of its puts to this place. Who ends that frees last->bytes. */
+void devAsk(devRecord *dev, plcLastPut *last, size_t offset, size_t length, const void *mask);
+
 /* The record follows the read-back of its place from now on / no longer. */
 void devFollowJoin(devRecord *dev);
 void devFollowLeave(devRecord *dev);
@@ -190,8 +193,7 @@ void devTakeValue(dbCommon *prec, devRecord *dev);
 /* The same after a put: VAL shows these bytes, whatever the image holds by now. */
 void devWrote(devRecord *dev, const epicsUInt8 *bytes, const epicsUInt8 *mask);
 
-/* A put was refused: the value goes back to that of the PLC, when that is known. It processes once
- * more when that alarm ends without a put. */
+/* A put was refused: the value goes back to that of the PLC, when that is known. */
 void devGoBack(dbCommon *prec, devRecord *dev);
 
 /* Functions of the dset, the same for all record types. */
@@ -228,14 +230,11 @@ void devPutUpdate(plcStation *station);
 
 /* The value of an output is kept, but the PLC is away: raises COMM_ALARM, which ends when
  * the PLC is back. Returns -1; or 0 when the PLC has just come. */
-long devAway(dbCommon *prec, devRecord *dev, const char *reason);
+long devAway(dbCommon *prec, devRecord *dev);
 
-/* The PLC has refused the last value of this place: raises WRITE_ALARM, which ends when it
- * has taken another. Returns -1; or 0 when it has not. */
+/* The last put is not in the PLC: raises WRITE_ALARM, which ends with the next put, or when the PLC
+ * shows what was put. Returns -1; or 0 when it is, or waits. */
 long devRefused(dbCommon *prec, devRecord *dev);
-
-/* Returns 1 and the reason when the PLC has refused the last value of this place, else 0. */
-int devIsRefused(const devRecord *dev, char reason[PLC_REASON_SIZE]);
 
 /* The PLC does not show this place: raises READ_ALARM, which ends when it does. Returns -1; or 0
  * when it shows it. */
@@ -314,7 +313,7 @@ void devStamp(dbCommon *prec);
 /* Its alarm has these words; where Base has no AMSG: always. */
 int devSays(const dbCommon *prec, const char *reason);
 
-/* Refuses to write: WRITE_ALARM with these words. Returns -1. */
+/* Refuses to write: WRITE_ALARM with these words, until the next put. Returns -1. */
 long devRefuseWrite(dbCommon *prec, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
 
 #endif /* INC_devS7plc_H */

@@ -4,28 +4,21 @@
  *
  * The value itself is in the output image; nothing is written or processed here.
  */
+#include <stdarg.h>
 #include <stdlib.h>
 
 #include <alarm.h>
 #include <dbAccess.h>
 #include <dbEvent.h>
 #include <dbLock.h>
+#include <epicsStdio.h>
 
 #include "devS7plc.h"
 #include "plcCompat.h"
 
-static int isAway(devRecord *dev)
+static int isAway(devRecord *dev, char reason[PLC_REASON_SIZE])
 {
-    return !plcStationOutputConnected(dev->station, NULL) || plcStationHeld(dev->station) ||
-           (dev->shown && !plcStationTaken(dev->station));
-}
-
-int devIsRefused(const devRecord *dev, char reason[PLC_REASON_SIZE])
-{
-    epicsUInt8 mask[DEV_SCALAR];
-
-    return dev->faults &&
-           plcFaultsFind(dev->faults, dev->offset, dev->length, devMask(dev, mask), reason);
+    return plcStationKeeps(dev->station, dev->shown != NULL, reason);
 }
 
 /* Raises an alarm, and keeps in mind which one it hides. Returns -1. */
@@ -33,7 +26,7 @@ static long raiseAlarm(dbCommon *prec, devRecord *dev, epicsEnum16 alarm, const 
 {
     epicsEnum16 status = prec->nsta, severity = prec->nsev;
 
-    if (alarm == READ_ALARM)
+    if (alarm != COMM_ALARM)
         devOverUndefined(prec);
     if (recGblSetSevrMsg(prec, alarm, INVALID_ALARM, "%s", reason)) {
         dev->raised = alarm;
@@ -45,17 +38,38 @@ static long raiseAlarm(dbCommon *prec, devRecord *dev, epicsEnum16 alarm, const 
 
 /* The record joins before it looks whether the PLC is still away: if the PLC comes back
  * after that, the record is found in the list. */
-long devAway(dbCommon *prec, devRecord *dev, const char *reason)
+long devAway(dbCommon *prec, devRecord *dev)
 {
+    char reason[PLC_REASON_SIZE];
+
     devListJoin(dev, devWaiting);
-    return isAway(dev) ? raiseAlarm(prec, dev, COMM_ALARM, reason) : 0;
+    return isAway(dev, reason) ? raiseAlarm(prec, dev, COMM_ALARM, reason) : 0;
 }
 
 long devRefused(dbCommon *prec, devRecord *dev)
 {
-    char reason[PLC_REASON_SIZE];
+    char why[PLC_REASON_SIZE];
 
-    return devIsRefused(dev, reason) ? raiseAlarm(prec, dev, WRITE_ALARM, reason) : 0;
+    return plcImageWhyNot(dev->image, &dev->last, why) ? raiseAlarm(prec, dev, WRITE_ALARM, why)
+                                                       : 0;
+}
+
+long devRefuseWrite(dbCommon *prec, const char *format, ...)
+{
+    devRecord *dev = prec->dpvt;
+    char text[PLC_REASON_SIZE];
+    va_list args;
+
+    va_start(args, format);
+    epicsVsnprintf(text, sizeof(text), format, args);
+    va_end(args);
+    if (dev && dev->last.bytes) {
+        plcImageRefuse(dev->image, &dev->last, text);
+        return devRefused(prec, dev);
+    }
+    devOverUndefined(prec);
+    recGblSetSevrMsg(prec, WRITE_ALARM, INVALID_ALARM, "%s", text);
+    return -1;
 }
 
 long devUnseen(dbCommon *prec, devRecord *dev)
@@ -79,40 +93,39 @@ static void settle(dbCommon *prec, devRecord *dev, epicsEnum16 alarm, const char
         dev->hiddenSeverity = prec->sevr;
     }
     plcClearMessage(prec);
-    if (dev->held[0] && dev->hiddenStatus == WRITE_ALARM) /* that of the pulse: it comes again below, */
-        dev->hiddenStatus = dev->hiddenSeverity = NO_ALARM; /* with its reason */
     prec->nsta = dev->hiddenStatus;
     prec->nsev = dev->hiddenSeverity;
     if (alarm)
         raiseAlarm(prec, dev, alarm, reason);
-    else if (dev->held[0])
-        recGblSetSevrMsg(prec, WRITE_ALARM, INVALID_ALARM, "%s", dev->held);
     devStamp(prec); /* archivers drop what is older than what they have */
     if (recGblResetAlarms(prec))
         db_post_events(prec, NULL, DBE_ALARM);
+}
+
+/* The alarm that it is to have now for its last put, or for want of a value to show; 0: none. */
+static epicsEnum16 alarmOf(devRecord *dev, char reason[PLC_REASON_SIZE])
+{
+    if (plcImageWhyNot(dev->image, &dev->last, reason))
+        return WRITE_ALARM;
+    if ((dev->raised == COMM_ALARM || plcImageWaits(dev->image, &dev->last)) &&
+        isAway(dev, reason))
+        return COMM_ALARM;
+    return dev->unseen && dev->unseen(dev, reason) ? READ_ALARM : 0;
 }
 
 static void update(dbCommon *prec, const plcStation *station)
 {
     devRecord *dev = prec->dpvt;
     char reason[PLC_REASON_SIZE];
-    epicsEnum16 alarm = 0;
+    epicsEnum16 alarm;
 
     if (!dev || dev->station != station || prec->pact)
         return;
-    if (dev->raised == COMM_ALARM && isAway(dev)) {
-        if (!plcStationOutputConnected(dev->station, reason) && prec->stat == COMM_ALARM &&
-            !devSays(prec, reason))
-            settle(prec, dev, COMM_ALARM, reason); /* it is away for another reason now */
-        return;
-    }
-    if (devIsRefused(dev, reason))
-        alarm = WRITE_ALARM;
-    else if (dev->unseen && dev->unseen(dev, reason))
-        alarm = READ_ALARM;
-    if (dev->raised || alarm)
+    alarm = alarmOf(dev, reason);
+    if (alarm != dev->raised ||
+        (alarm && (prec->stat != alarm || !devSays(prec, reason))))
         settle(prec, dev, alarm, reason);
-    if (!dev->faults)
+    if (!dev->faults && alarm != COMM_ALARM)
         devListLeave(dev, devWaiting);
 }
 

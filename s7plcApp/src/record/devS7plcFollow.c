@@ -50,6 +50,7 @@ void devTakeValue(dbCommon *prec, devRecord *dev)
 
     devShow(dev);
     dev->taken = 1;
+    dev->unproven = 0;
     devHasValue(dev);
     if (!plcIsWrong(dev->type, dev->shown, dev->length, dev->order, wrong))
         support->follow(prec, dev, dev->shown);
@@ -87,17 +88,6 @@ void devGoBack(dbCommon *prec, devRecord *dev)
         !hasNews(dev))
         return;
     devTakeValue(prec, dev);
-    dev->back = 1;
-}
-
-/* Its alarm was that of the value that it had put: limits, states. */
-static int endsRefusal(const devRecord *dev)
-{
-    epicsUInt8 mask[DEV_SCALAR];
-    char reason[PLC_REASON_SIZE];
-
-    return dev->back && !(dev->faults && plcFaultsFind(dev->faults, dev->offset, dev->length,
-                                                       devMask(dev, mask), reason));
 }
 
 /* Processes the record so that it takes its value. */
@@ -122,6 +112,17 @@ static void followByProcess(dbCommon *prec, devRecord *dev)
     dev->following = 0;
 }
 
+/* The PLC was away, and its value replaces what was put. */
+static void findVoid(devRecord *dev)
+{
+    const char *why = plcStationVoid(dev->station, &dev->last);
+
+    if (!dev->unproven || !why)
+        return;
+    plcImageRefuse(dev->image, &dev->last, why);
+    devListJoin(dev, devWaiting);
+}
+
 /* The record is locked. Its link may have changed since it was listed. A calcout whose delayed
  * write began before the connection showed its values is about to write an older one: that
  * write follows instead. */
@@ -130,11 +131,12 @@ static void followRecord(dbCommon *prec, const plcStation *station, int takes)
     devRecord *dev = prec->dpvt;
     int (*delays)(const dbCommon *prec) = devSupportOf(prec)->delays;
     char reason[PLC_REASON_SIZE];
-    int first;
+    int first, met, news;
 
     if (!dev || dev->station != station || !dev->shown)
         return;
     first = dev->takes != takes;
+    met = dev->takes != 0;
     dev->takes = takes;
     if (prec->pact) {
         if (first && delays && delays(prec))
@@ -143,7 +145,14 @@ static void followRecord(dbCommon *prec, const plcStation *station, int takes)
     }
     if (!dev->known && dev->unseen && !dev->own && dev->unseen(dev, reason))
         return; /* the image has no value of the PLC there */
-    if (!hasNews(dev) && !endsRefusal(dev))
+    if (!met)
+        plcImageForgive(dev->image, &dev->last); /* at the start the PLC's value comes first */
+    news = hasNews(dev);
+    if (first && met && news)
+        findVoid(dev);
+    if (first)
+        dev->unproven = 0;
+    if (!news)
         return;
     if (delays)
         takeQuietly(prec, dev);
@@ -215,6 +224,6 @@ void devWrote(devRecord *dev, const epicsUInt8 *bytes, const epicsUInt8 *mask)
     for (i = 0; i < dev->length; i++)
         dev->shown[i] = (epicsUInt8)(mask ? (dev->shown[i] & ~mask[i]) | (bytes[i] & mask[i])
                                           : bytes[i]);
-    dev->known = 1;
+    dev->known = dev->unproven = 1;
     dev->taken = 0;
 }

@@ -88,22 +88,18 @@ long devStore(dbCommon *prec, const void *bytes, const void *mask)
     devStampNow(prec);
     reason[0] = 0;
     dev->raised = 0;
-    dev->refused = plcStationPut(dev->station, dev->offset, dev->length, bytes, mask, reason,
-                                 dev->shown != NULL, &dev->mark) != 0;
+    dev->last.tells = dev->takes != 0; /* at the start the PLC's value comes first anyway */
+    dev->refused = plcStationPutBy(dev->station, &dev->last, dev->offset, dev->length, bytes, mask,
+                                   reason, dev->shown != NULL, &dev->mark) != 0;
     if (dev->refused)
         return devRefuseWrite(prec, "%s", reason);
     devHasValue(dev);
     if (dev->shown)
         devWrote(dev, bytes, mask);
-    if (dev->shown && !reason[0] && !plcStationTaken(dev->station))
-        epicsSnprintf(reason, sizeof(reason), "waiting for the PLC's value");
-    if (reason[0])
-        dev->mark.number = 0; /* nobody knows when it will leave */
-    if (reason[0])
-        return devAway(prec, dev, reason);
-    if (!dev->mark.number)
-        devRefused(prec, dev); /* of an earlier put; this one has been taken */
-    return 0;
+    if (!reason[0])
+        return 0;
+    dev->mark.number = 0; /* nobody knows when it will leave */
+    return devAway(prec, dev);
 }
 
 long devStoreInt(dbCommon *prec, epicsInt64 value, epicsUInt64 mask)
@@ -122,12 +118,6 @@ long devStoreInt(dbCommon *prec, epicsInt64 value, epicsUInt64 mask)
     return devStore(prec, bytes, bits);
 }
 
-/* The 1 of a pulse was refused, and its 0 was taken: that is no end of its alarm. */
-static long holdRefusal(dbCommon *prec, const devRecord *dev)
-{
-    return dev->held[0] ? devRefuseWrite(prec, "%s", dev->held) : 0;
-}
-
 /* With track=on a record shows what the PLC holds: so, too, where its value did not fit. */
 static void showCut(dbCommon *prec, devRecord *dev)
 {
@@ -138,21 +128,22 @@ static void showCut(dbCommon *prec, devRecord *dev)
 
 /* The record that was active until now gets the alarm that the answer has brought. Without a
  * put it has changed its link meanwhile. */
-static long putEnds(dbCommon *prec, devRecord *dev, char reason[PLC_REASON_SIZE])
+static long putEnds(dbCommon *prec, devRecord *dev)
 {
+    int waits;
+
     if (!dev || !dev->station || !dev->mark.number)
         return 0;
     dev->mark.number = 0;
     if (dev->ends)
         return devRefuseWrite(prec, "%s", dev->ends);
-    if (!plcStationOutputConnected(dev->station, reason))
-        return devAway(prec, dev, reason);
-    if (devRefused(prec, dev)) {
+    waits = plcImageWaits(dev->image, &dev->last); /* before: it may end meanwhile */
+    if (devRefused(prec, dev) || (waits && devAway(prec, dev)) || (waits && devRefused(prec, dev))) {
         devGoBack(prec, dev);
         return -1;
     }
     showCut(prec, dev);
-    return holdRefusal(prec, dev);
+    return 0;
 }
 
 /* What the record knows of its last put is of no interest any more. */
@@ -162,42 +153,35 @@ static void forgetPut(dbCommon *prec, devRecord *dev)
 
     dev->refused = dev->cut = 0;
     dev->mark.number = 0;
-    if (!support->pulseEnds || !support->pulseEnds(prec))
-        dev->held[0] = 0;
-    else if (!dev->held[0])
-        devIsRefused(dev, dev->held);
+    dev->last.goesOn = support->pulseEnds && support->pulseEnds(prec);
 }
 
 long devWrite(dbCommon *prec)
 {
     const devSupport *support = devSupportOf(prec);
     devRecord *dev = prec->dpvt;
-    char reason[PLC_REASON_SIZE];
     long status;
 
     if (dev) { /* what it had raised ends with this processing */
-        dev->raised = dev->back = 0;
+        dev->raised = 0;
         plcClearMessage(prec);
     }
     if (prec->pact && !support->delays) /* the put is through */
-        return putEnds(prec, dev, reason);
+        return putEnds(prec, dev);
     if (dev && dev->following) {
         dev->following = 0;
         plcClearMessage(prec);
         devTakeValue(prec, dev);
-        status = devRefused(prec, dev) || holdRefusal(prec, dev) ? -1 : 0;
+        status = devRefused(prec, dev);
         return status || dev->own ? status : devUnseen(prec, dev);
     }
     if (dev)
         forgetPut(prec, dev);
     status = support->write(prec);
-    if (dev && dev->mark.number) {
-        if (!support->delays && devPutWait(prec, dev))
-            return 0;
-        status = devRefused(prec, dev);
-    }
-    if (dev && holdRefusal(prec, dev))
-        status = -1;
+    if (dev && dev->mark.number && !support->delays && devPutWait(prec, dev))
+        return 0;
+    if (dev && dev->station && !status)
+        status = devRefused(prec, dev); /* of the 1 of a pulse, or by now */
     if (dev && !status)
         showCut(prec, dev);
     /* A refused put goes back to the PLC's value, when that is known. */

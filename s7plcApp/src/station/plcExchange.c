@@ -206,7 +206,7 @@ static void tellThrough(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     x->told = through;
 }
 
-/* What waits has not reached the PLC, and nobody knows when it will. */
+/* What is under way may have reached the PLC, what waits has not, and nobody knows when it will. */
 void plcExchangeLost(plcStation *s, const char *why)
 {
     plcExchange *x = s->exchange;
@@ -215,8 +215,9 @@ void plcExchangeLost(plcStation *s, const char *why)
     plcImagePutsWaiting(s->out, x->image, x->mask);
     for (i = 0; epicsAtomicGetIntT(&s->taken) && i < plcImageSize(s->out); i++)
         x->unsure[i] |= x->mask[i];
-    if (plcFaultsSet(s->outFaults, 0, plcImageSize(s->out), x->mask, why))
-        plcInputFollow(s, 0);
+    plcImagePutsFail(s->out, 0, plcImageSize(s->out), NULL, why);
+    plcFaultsSet(s->outFaults, 0, plcImageSize(s->out), x->mask, why);
+    plcInputFollow(s, 0);
 }
 
 /* What the PLC does not show, for this reason, is told to records; mask NULL: all of it, or (reason
@@ -392,19 +393,29 @@ static void outputsTake(plcStation *s, char *shown)
     plcInputFollow(s, places);
 }
 
+/* Puts whose value the PLC shows are in the PLC, whatever became of them. */
+static void findPuts(plcStation *s)
+{
+    plcExchange *x = s->exchange;
+    size_t i, size = plcImageSize(s->out);
+
+    for (i = 0; i < size; i++)
+        x->mask[i] = (char)((x->hides ? x->hidden[i] : 0) |
+                            (x->transport->age ? x->older[i] : 0));
+    if (plcImagePutsShown(s->out, x->output, x->mask))
+        plcInputFollow(s, 0);
+}
+
 /* Outputs follow what the PLC shows of them. */
-static void track(plcStation *s, epicsUInt64 now)
+static void track(plcStation *s, const plcShownAfter *after, epicsUInt64 now)
 {
     plcExchange *x = s->exchange;
     epicsUInt64 limit = plcMsToNs(s->now.readPeriod + SHOWN_MS);
-    plcShownAfter after = {0, x->older};
     unsigned places;
 
-    if (x->transport->age)
-        x->transport->age(x->pvt, &after.through, x->older);
     places = plcReadbackTrack(s->tracked, x->output, x->hides ? x->hidden : NULL, s->out, now,
                               limit, !x->ordered,
-                              x->transport->age ? &after : NULL);
+                              x->transport->age ? after : NULL);
     if (places)
         plcInputFollow(s, places);
 }
@@ -414,13 +425,18 @@ static void lookAtOutputs(plcStation *s, epicsUInt64 now)
 {
     plcExchange *x = s->exchange;
     int first = !epicsAtomicGetIntT(&s->taken);
+    plcShownAfter after = {0, x->older};
 
     if (!epicsAtomicGetIntT(&s->running))
         return;
+    if (x->shown && x->transport->age)
+        x->transport->age(x->pvt, &after.through, x->older);
+    if (x->shown)
+        findPuts(s);
     if (x->shown && first) {
         outputsTake(s, x->output);
     } else if (x->shown && s->now.track) {
-        track(s, now);
+        track(s, &after, now);
     } else if (s->unread && first && !plcReadbackCount(s->readback)) {
         outputsTake(s, NULL); /* else the first block tells */
     }

@@ -141,6 +141,19 @@ int plcStationPut(plcStation *station, size_t offset, size_t length, const void 
                   const void *mask, char reason[PLC_REASON_SIZE], int follows,
                   plcPutMark *mark);
 
+/* The same by one who asks what becomes of it: his place, plcLastPut. */
+int plcStationPutBy(plcStation *station, plcLastPut *last, size_t offset, size_t length,
+                    const void *data, const void *mask, char reason[PLC_REASON_SIZE],
+                    int follows, plcPutMark *mark);
+
+/* Returns 1 and the reason when what is put now cannot leave, and is kept; else 0 and "". */
+int plcStationKeeps(plcStation *station, int follows, char reason[PLC_REASON_SIZE]);
+
+/* Blocks: why the put, in whose place the PLC's first value has come, is not in the PLC. NULL: it
+ * had left, and the PLC had sent on, before the connection was lost. Over other wires NULL: the
+ * image knows. */
+const char *plcStationVoid(plcStation *station, const plcLastPut *last);
+
 /* Option track is on. */
 int plcStationTracks(plcStation *station);
 

@@ -78,12 +78,12 @@ plcImage *plcStationOutput(plcStation *s)
     return s->out;
 }
 
-int plcStationPut(plcStation *s, size_t offset, size_t length, const void *data,
-                  const void *mask, char reason[PLC_REASON_SIZE], int follows,
-                  plcPutMark *mark)
+int plcStationPutBy(plcStation *s, plcLastPut *last, size_t offset, size_t length,
+                    const void *data, const void *mask, char reason[PLC_REASON_SIZE],
+                    int follows, plcPutMark *mark)
 {
     epicsUInt64 now = epicsMonotonicGet();
-    plcWritten written;
+    plcWritten written = {.last = last};
     plcPutMark ignored;
     int status;
 
@@ -108,12 +108,36 @@ int plcStationPut(plcStation *s, size_t offset, size_t length, const void *data,
     epicsAtomicSetIntT(follows ? &s->followed : &s->written, 1);
     if (status > 0)
         plcStationWake(s);
-    if (plcStationOutputConnected(s, reason) && !follows && plcStationHeld(s))
-        epicsSnprintf(reason, PLC_REASON_SIZE, "waits for the PLC's first %s",
-                      s->shows ? "answer" : "block");
+    plcStationKeeps(s, follows, reason);
     if (epicsAtomicGetIntT(&s->acknowledges))
         mark->number = written.number;
     return 0;
+}
+
+int plcStationPut(plcStation *s, size_t offset, size_t length, const void *data,
+                  const void *mask, char reason[PLC_REASON_SIZE], int follows,
+                  plcPutMark *mark)
+{
+    return plcStationPutBy(s, NULL, offset, length, data, mask, reason, follows, mark);
+}
+
+int plcStationKeeps(plcStation *s, int follows, char reason[PLC_REASON_SIZE])
+{
+    if (!plcStationOutputConnected(s, reason))
+        return 1;
+    if (follows && !plcStationTaken(s))
+        strcpy(reason, "waiting for the PLC's value");
+    else if (!follows && plcStationHeld(s))
+        epicsSnprintf(reason, PLC_REASON_SIZE, "waits for the PLC's first %s",
+                      s->shows ? "answer" : "block");
+    return reason[0] != 0;
+}
+
+const char *plcStationVoid(plcStation *s, const plcLastPut *last)
+{
+    if (s->exchange || last->takes < epicsAtomicGetSizeT(&s->arrived))
+        return NULL;
+    return last->takes < epicsAtomicGetSizeT(&s->left) ? plcNotConfirmed : plcNotWritten;
 }
 
 int plcStationAcknowledges(plcStation *s)

@@ -112,7 +112,7 @@ void plcInputSetLeads(plcStation *s)
     if (leads != before)
         plcStationChanged(s);
     plcStationGate(s);
-    if (leads && !before)
+    if (leads != before)
         plcInputFollow(s, 0);
 }
 
@@ -354,16 +354,18 @@ PLC_COLD static void takeReadback(plcStation *s, const void *block)
     int first = !epicsAtomicGetIntT(&s->taken);
     unsigned places;
 
+    places = plcReadbackTake(s->readback, block, notInBlock(s), s->out);
     /* What was put there before is void: no block leaves because of it. */
     if (first && !epicsAtomicGetIntT(&s->written)) {
         plcImageForget(s->out);
         s->dirtySince = 0;
     }
-    if (first)
+    if (first) {
+        epicsAtomicSetSizeT(&s->arrived, s->takesSeen[1]);
+        epicsAtomicSetSizeT(&s->left, plcImageTakes(s->out));
         epicsAtomicIncrIntT(&s->takes);
-    if (first)
         epicsAtomicSetIntT(&s->followed, 0); /* as all that followers have put */
-    places = plcReadbackTake(s->readback, block, notInBlock(s), s->out);
+    }
 
     epicsAtomicSetIntT(&s->taken, 1);
     plcInputHeld(s);
@@ -466,6 +468,15 @@ void plcInputSyncLeader(plcStation *s, epicsUInt64 now)
     syncShow(s, now);
 }
 
+/* What had left before the block before this one has reached the PLC, for all that is known. */
+static void seeTakes(plcStation *s)
+{
+    if (!plcReadbackCount(s->readback) || !epicsAtomicGetIntT(&s->taken))
+        return;
+    s->takesSeen[1] = s->takesSeen[0];
+    s->takesSeen[0] = plcImageTakes(s->out);
+}
+
 /* What the block says of our outputs. Returns 1 when its data is good. Before the PINI
  * run is over nothing is taken: its values would come later and count as puts. */
 static int outputsFollow(plcStation *s, const void *block, epicsUInt64 now)
@@ -474,6 +485,7 @@ static int outputsFollow(plcStation *s, const void *block, epicsUInt64 now)
 
     if (!epicsAtomicGetIntT(&s->running))
         return plcTablesLook(s, block);
+    seeTakes(s);
     if (!s->now.sync && plcReadbackCount(s->readback)) {
         if (!epicsAtomicGetIntT(&s->taken))
             takeShown(s, block);

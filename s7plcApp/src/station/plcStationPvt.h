@@ -171,6 +171,9 @@ struct plcStation {
     int waiting; /* atomic: the thread waits for the end of a scan pass */
     int taken;   /* atomic: the output image holds what the PLC has shown */
     int takes;   /* atomic: how often that began */
+    size_t arrived;     /* atomic: takes of the output image that had reached the PLC before that, */
+    size_t left;        /* and that had left */
+    size_t takesSeen[2]; /* owned by the thread: takes at the last block, and at the one before */
     int waitsFirst; /* atomic: nothing leaves before the PLC has shown its values */
 
     /* owned by the thread */
