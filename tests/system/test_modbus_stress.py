@@ -88,6 +88,12 @@ class Trouble:
         self.count[what] += happens
         return happens
 
+    def holds(self, where, value):
+        """The device has this value there, whatever it said of the last write."""
+        table, address, bit = where
+        now = int(getattr(self.plc, table)[address])
+        return (now if bit is None else now >> bit & 1) == value
+
     def judge(self, request):
         code = 0
         if request.writes:
@@ -181,7 +187,8 @@ class Client(threading.Thread):
             code, was_active = self.trouble.last.get(place_of(name)), ca.get(pact, timeout=LIMIT)
             channel = self.channels[name]
             now = ca.get_with_metadata(channel, ftype=ca.promote_type(channel, use_time=True), timeout=LIMIT)
-            good = (now["severity"] != 0) == (code != 0)
+            good = (now["severity"] != 0) == (code != 0 and not (
+                now["severity"] == 0 and self.trouble.holds(place_of(name), value)))
             if good or not was_active and code == self.trouble.last.get(place_of(name)) and not ca.get(pact, timeout=LIMIT):
                 break
         assert now["value"] == value, f"sequence {sequence}: {name} is {now['value']}, put was {value}"
@@ -215,10 +222,14 @@ class Operator:
         return dict(zip(names, zip(self.get(names, ".SEVR"), said)))
 
     def wrong(self, names):
-        """Records whose alarm is not that of the last answer to a write of them."""
+        """Records whose alarm is not that of the last answer to a write of them; where that was a refusal, and the device
+        holds the value all the same, there may be none."""
         found = []
         for name, (severity, text) in self.alarms(names).items():
             code = self.trouble.last[place_of(name)]
+            if code and severity == "NO_ALARM" and self.trouble.holds(
+                    place_of(name), ca.get(self.fields[name, ""], timeout=LIMIT)):
+                continue
             if severity != ("INVALID" if code else "NO_ALARM") or code and f"exception {code}" not in text:
                 found.append((name, severity, text, code))
         return found

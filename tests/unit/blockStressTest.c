@@ -7,7 +7,9 @@
  *   - when it is quiet, record, output image and PLC hold the same; where neither HMI nor loss
  *     had a hand in it, the last put;
  *   - an output without read-back holds the last put, always;
- *   - inputs show the last block, and nothing has an alarm.
+ *   - a put that the PLC has never received, while it holds another value, is told by its record's alarm
+ *     until the next put; only where a loss had a hand in it;
+ *   - inputs show the last block, and nothing else has an alarm.
  *
  * Arguments: number of episodes (30, or PLCLINK_EPISODES; "600s": so long), seed (from the
  * clock). One thread plays the PLC, the HMI and the client.
@@ -48,6 +50,7 @@ static struct {
     unsigned count, at;    /* the PLC has received those before `at` */
     epicsInt32 received;   /* last */
     epicsInt32 wanted;     /* last put, or what it held before the episode */
+    int got;               /* the PLC has received that since it was put */
     int others;            /* the HMI or a loss had a hand in it in this episode */
 } word[WORDS];
 
@@ -64,13 +67,14 @@ static struct {
     unsigned queued;
 } plc;
 
+static int wasVoid[RECORDS]; /* it said so at the end of the episode before, and has not put since */
 static plcStation *station;
 static unsigned long long state;
 static epicsInt32 number = 1000;
 static int place2 = 2; /* the word of f2 */
 static int slept, paused;
 static char failure[200];
-static unsigned putCount, backCount, hmiCount, breaks, links, pauses, excused;
+static unsigned putCount, backCount, hmiCount, breaks, links, pauses, voids, excused;
 
 static unsigned randomBelow(unsigned n)
 {
@@ -117,6 +121,7 @@ static void receiveBlock(double now)
     for (w = 0; w < WORDS; w++) {
         words[w] = (epicsInt32)ntohl((epicsUInt32)words[w]);
         judge(w, words[w]);
+        word[w].got |= words[w] == word[w].wanted;
     }
     if (plc.queued == QUEUE)
         testAbort("the PLC cannot keep up");
@@ -211,6 +216,7 @@ static void putValue(unsigned r, epicsInt32 value)
     if (word[w].count == PUTS)
         return;
     putCount++;
+    wasVoid[r] = word[w].got = 0;
     word[w].puts[word[w].count++] = word[w].wanted = value;
     /* with a read-back, what waits for a connection is replaced by the PLC's value */
     if (r < FOLLOWERS && (plc.fd < 0 || !plcStationTaken(station) ||
@@ -334,12 +340,32 @@ static int isGood(const char *record)
     return strcmp(get(pv), "NO_ALARM") == 0;
 }
 
+/* It says that its last put is not in the PLC, or perhaps not. */
+static int saysVoid(const char *record)
+{
+    char pv[20];
+
+    epicsSnprintf(pv, sizeof(pv), "%s.STAT", record);
+    return strcmp(get(pv), "WRITE") == 0 &&
+           (isReason(record, plcNotWritten) || isReason(record, plcNotConfirmed));
+}
+
+/* Its alarm is true. f2 has another place now and then: with a new link it knows of no put. */
+static int alarmIsTrue(unsigned r)
+{
+    int w = wordOf(r);
+
+    if (isGood(records[r]))
+        return r >= 2 || word[w].got || plc.holds[w] == word[w].wanted;
+    return r < FOLLOWERS && saysVoid(records[r]) && (word[w].others || wasVoid[r]);
+}
+
 /* Record, image and PLC agree, and on what they must. */
 static int settled(unsigned r)
 {
     int w = wordOf(r);
 
-    return !plc.queued && isGood(records[r]) && imageHolds(w) == plc.holds[w] &&
+    return !plc.queued && alarmIsTrue(r) && imageHolds(w) == plc.holds[w] &&
            atoi(get(records[r])) == plc.holds[w] &&
            (word[w].others || plc.holds[w] == word[w].wanted);
 }
@@ -400,9 +426,14 @@ static void settle(void)
     runUntil(inputsGood(), "inputs show the last block");
     if (failure[0])
         sayWhich();
+    for (w = 0; w < (int)RECORDS; w++) {
+        wasVoid[w] = !isGood(records[w]);
+        voids += wasVoid[w];
+    }
     for (w = 0; w < WORDS; w++) {
         word[w].wanted = word[w].received = plc.holds[w];
         word[w].count = word[w].at = 0;
+        word[w].got = 1;
         word[w].others = (w == 2 || w == SPARE) && w != place2; /* nobody's */
     }
 }
@@ -460,7 +491,9 @@ static void iocStarts(void)
     sprintf(address, "127.0.0.1:%d", plc.port);
     plcStationMove(station, address, error, sizeof(error));
     memset(word, 0, sizeof(word));
+    memset(wasVoid, 0, sizeof(wasVoid));
     word[0].others = word[1].others = word[2].others = 1;
+    word[0].got = word[1].got = word[2].got = 1;
     putValue(3, ++number);
     putValue(4, ++number);
     settle();
@@ -503,8 +536,8 @@ MAIN(blockStressTest)
     testOk(!failure[0], "%lu episodes: nothing lost, nothing doubled, nothing wrong%s%s", i,
            failure[0] ? "; then: " : "", failure);
     testDiag("%u puts, %u of them of the value before; HMI %u; breaks %u; links %u; pauses %u; "
-             "%.0f s",
-             putCount, backCount, hmiCount, breaks, links, pauses, clockNow() - begin);
+             "not written %u; %.0f s",
+             putCount, backCount, hmiCount, breaks, links, pauses, voids, clockNow() - begin);
     testOk(excused * 10 <= i + 10, "the machine slept in few of them (%u)", excused);
     toolClose(plc.listener);
     return testDone();

@@ -189,6 +189,8 @@ static void testFollow(const char *pini)
     testOk(toolReceive(fd, received, OUT) == OUT &&
                memcmp(received, block + MIRROR, OUT) == 0,
            "a put leaves: all else is what the PLC holds");
+    sendNext(s, fd, block); /* the PLC goes on: the put has arrived */
+    sendNext(s, fd, block);
 
     toolClose(fd);
     fd = toolAccept(listener);
