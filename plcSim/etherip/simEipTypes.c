@@ -96,7 +96,7 @@ static const simEipType *findElementary(const char *name)
 
 static int isOmron(const simEipTypes *types)
 {
-    return types->string->kind == eipLongText;
+    return types->string == &longText;
 }
 
 const simEipType *simEipTypeFind(const simEipTypes *types, const char *name)
