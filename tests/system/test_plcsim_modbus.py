@@ -1,5 +1,6 @@
 """plcSim's Modbus seen by independent peers: pymodbus's client, mbpoll, and plain sockets."""
 import math
+import re
 import select
 import shutil
 import socket
@@ -175,6 +176,24 @@ def test_refused(wire, pdu, code):
     """The request {pdu} gets exception {code}"""
     request = bytes.fromhex(pdu)
     assert wire.ask(request) == bytes([request[0] | 0x80, code])
+
+
+@pytest.mark.parametrize("server", ["modbus", "etherip"])
+def test_connections_end(new_sim, server):
+    """{server} close and reset end all connections, with FIN and with RST, and the next one is taken"""
+    sim = new_sim("byteorder = little\nmodbus_port = 0\netherip_port = 0\ndb 10 8\nmodbus holding 0 4 -> DB10.0\ntag A DINT\n")
+    port = {"modbus": sim.modbus_port, "etherip": sim.etherip_port}[server]
+    for command in ("close", "reset"):
+        before = len([line for line in sim.lines if re.search(r"connection \d+ from", line)])
+        plcs = [socket.create_connection(("127.0.0.1", port), LIMIT) for _ in range(2)]
+        until(lambda: len([line for line in sim.lines if re.search(r"connection \d+ from", line)]) == before + 2, lambda: "\n".join(sim.lines))
+        sim.command(f"{server} {command}")
+        for plc in plcs:
+            try:
+                assert plc.recv(1) == b"" and command == "close"
+            except ConnectionResetError:
+                assert command == "reset"
+            plc.close()
 
 
 def test_no_function(wire):
