@@ -401,6 +401,7 @@ static int readRuns(eipWorker *w, const eipUnit *u, eipAnswer *answer, eipData *
     eipUnit run = *u;
     eipData part = {0};
 
+    answer->status = 0;
     for (got = 0; got < all; got += length, run.first += run.count) {
         eipWriter m = eipWorkerWriter(w);
         unsigned left = (unsigned)((all - got) / u->size);

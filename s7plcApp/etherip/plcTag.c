@@ -44,10 +44,10 @@ static struct {
     double period;
 } option = {NULL, NULL, 1, 0, 5000, 0, 0, 1.0};
 
-static void stop(const char *format, ...) EPICS_PRINTF_STYLE(1, 2);
-static void wrong(const char *format, ...) EPICS_PRINTF_STYLE(1, 2);
+__attribute__((noreturn)) static void stop(const char *format, ...) EPICS_PRINTF_STYLE(1, 2);
+__attribute__((noreturn)) static void wrong(const char *format, ...) EPICS_PRINTF_STYLE(1, 2);
 
-static void end(int status, const char *format, va_list args, const char *behind)
+__attribute__((noreturn)) static void end(int status, const char *format, va_list args, const char *behind)
 {
     fputs("plcTag: ", stderr);
     vfprintf(stderr, format, args);
@@ -340,24 +340,23 @@ static const struct command {
 /* The command of the words behind the host. */
 static const struct command *find(char **words, int count)
 {
-    size_t i;
+    const struct command *c = commands, *behind = commands + sizeof(commands) / sizeof(commands[0]);
     int k;
 
     if (!count)
         wrong("no command behind the host; allowed: identify, list, describe, read, write, watch");
-    for (i = 0; i < sizeof(commands) / sizeof(commands[0]); i++)
-        if (strcmp(words[0], commands[i].name) == 0)
-            break;
-    if (i == sizeof(commands) / sizeof(commands[0]))
+    while (c < behind && strcmp(words[0], c->name))
+        c++;
+    if (c == behind)
         wrong("unknown command \"%.40s\"; allowed: host, then identify, list, describe, read, write or watch",
               words[0]);
-    for (k = 1; k < count && (k == 1 || commands[i].run != doWrite); k++)
+    for (k = 1; k < count && (k == 1 || c->run != doWrite); k++)
         if (words[k][0] == '-')
             wrong("\"%.40s\" is behind the command; allowed: options before the host", words[k]);
-    if (count - 1 < commands[i].least || count - 1 > commands[i].most)
+    if (count - 1 < c->least || count - 1 > c->most)
         wrong("%d word%s behind %s; allowed: %s%s", count - 1, count == 2 ? "" : "s", words[0], words[0],
-              commands[i].words);
-    return &commands[i];
+              c->words);
+    return c;
 }
 
 int main(int argc, char **argv)

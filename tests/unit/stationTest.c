@@ -596,9 +596,10 @@ static void testLogLimit(void)
 
     errlogFlush();
     errlogAddListener(listenToLog, NULL);
-    for (i = 0; i < 30; i++)
+    for (i = 0; i < 30; i++) {
         plcStationLog(s, errlogMinor, "a line");
-    errlogFlush();
+        errlogFlush(); /* an older Base has no room for 20 */
+    }
     testOk(logged.lines == 20, "of 30 lines in a minute %d are in the log", logged.lines);
     s->logRefill = 0; /* the minute is over */
     plcStationLog(s, errlogMinor, "another");
