@@ -344,6 +344,23 @@ def roles(sim):
     return [status(sim, "role", plc).split()[1] for plc in ("first", "second")]
 
 
+def test_end_of_stdin(tmp_path):
+    """The end of stdin closes that console, not the simulator; SIGTERM ends it"""
+    (tmp_path / "a.plc").write_text("in = 8\nout = 0\nperiod = 10 ms\n")
+    sim = subprocess.Popen([PROGRAM, "-p", "0", tmp_path / "a.plc"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        port = int(re.search(r"listening on 127.0.0.1:(\d+)", sim.stdout.readline())[1])
+        sim.stdin.write("get in 0 INT16\n")
+        sim.stdin.close()
+        assert "in 0 INT16 = 0" in iter(lambda: sim.stdout.readline().strip(), "")
+        client = Client(port, size=8)
+        assert client.read() == bytes(8) and sim.poll() is None
+        client.close()
+    finally:
+        sim.terminate()
+        sim.wait(LIMIT)
+
+
 def test_send_watchdog(new_sim, connect):
     """sendwatchdog: a block that does not leave for so long ends the connection"""
     sim = new_sim("in = 65536\nout = 0\nperiod = 1 ms\nsendwatchdog = 200 ms\n")
