@@ -11,6 +11,7 @@
 
 #include "plcBlocks.h"
 #include "plcConnection.h"
+#include "plcErrno.h"
 #include "plcFraming.h"
 #include "testTools.h"
 
@@ -117,6 +118,26 @@ static void testRefused(void)
 }
 
 /* What the system says of an attempt, in the words of an operator. */
+/* The words for errors that loopback does not make. */
+static const struct {
+    int number;
+    const char *words;
+} words[] = {
+    {EHOSTUNREACH, "no route to PLC"}, {ENETUNREACH, "network unreachable"},
+    {EHOSTDOWN, "PLC host is down"}, {EADDRNOTAVAIL, "no local port or address"},
+    {ETIMEDOUT, "PLC does not answer"},
+};
+#define WORDS (sizeof(words) / sizeof(words[0]))
+
+static void testWords(void)
+{
+    size_t i;
+
+    for (i = 0; i < WORDS; i++)
+        testOk(strcmp(plcErrnoText(words[i].number), words[i].words) == 0, "error %d: %s", words[i].number,
+               plcErrnoText(words[i].number));
+}
+
 static void testNoDescriptor(void)
 {
     struct rlimit before, none;
@@ -299,9 +320,10 @@ static void testAgain(void)
 
 MAIN(connectionTest)
 {
-    testPlan(2 + 1 + 5 + 3 + 1 + 2 + 4 + 6);
+    testPlan(2 + 1 + 5 + 3 + 1 + 2 + 4 + 6 + (int)WORDS);
     testRefused();
     testNoDescriptor();
+    testWords();
     testMade();
     testInput();
     testLasted();
