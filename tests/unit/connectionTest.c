@@ -1,5 +1,6 @@
 /* One TCP connection against a real peer on loopback: made, refused, closed, reset, blocks
  * in, and a block out that the kernel takes in pieces. */
+#include <errno.h>
 #include <poll.h>
 #include <stdlib.h>
 #include <string.h>
