@@ -216,7 +216,7 @@ static void answer(plcModbusRelay *r, plcFrame *q)
     epicsMutexMustLock(r->lock);
     r->last = x;
     if (x.lost && !x.silent)
-        plcModbusSocketClose(&r->socket);
+        plcModbusSocketAbort(&r->socket);
     epicsMutexUnlock(r->lock);
     /* A local socket takes a frame as a whole. */
     (void)send(r->far, a.bytes, a.size, MSG_NOSIGNAL);

@@ -44,7 +44,7 @@ void plcModbusSocketNext(plcModbusSocket *s, int fd)
     s->next = fd;
     s->cut = 0;
     if (s->fd >= 0)
-        shutdown(s->fd, SHUT_RDWR); /* the thread sees that, and takes the next */
+        shutdown(s->fd, SHUT_RD); /* the thread sees that, and takes the next */
 }
 
 void plcModbusSocketCut(plcModbusSocket *s)
@@ -52,13 +52,20 @@ void plcModbusSocketCut(plcModbusSocket *s)
     closeIf(&s->next);
     s->cut = 1;
     if (s->fd >= 0)
-        shutdown(s->fd, SHUT_RDWR);
+        shutdown(s->fd, SHUT_RD); /* that it sees */
 }
 
 void plcModbusSocketClose(plcModbusSocket *s)
 {
+    closeIf(&s->fd);
+}
+
+void plcModbusSocketAbort(plcModbusSocket *s)
+{
+    struct linger none = {.l_onoff = 1};
+
     if (s->fd >= 0)
-        shutdown(s->fd, SHUT_RDWR);
+        (void)setsockopt(s->fd, SOL_SOCKET, SO_LINGER, &none, sizeof(none));
     closeIf(&s->fd);
 }
 

@@ -57,6 +57,9 @@ void plcModbusSocketCut(plcModbusSocket *s);
 int plcModbusSocketTake(plcModbusSocket *s);
 void plcModbusSocketClose(plcModbusSocket *s);
 
+/* The same after a loss: what the PLC has not got yet, or not looked at, never gets there. */
+void plcModbusSocketAbort(plcModbusSocket *s);
+
 /* The thread makes a request. Returns 0 with a good answer (exceptions are), or -1; *x says how it
  * ended. The unit of *request becomes that of the options. */
 int plcModbusSocketAsk(plcModbusSocket *s, plcFrame *request, plcFrame *answer,

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from peer import Peer
 from waiting import until
 
 DB = """
@@ -266,3 +267,24 @@ def test_no_wakes_after_loss(new_peer, new_ioc):
             peer.hang_up()
             peer.wait_connected(2)
     assert max(counts) < 10, f"{counts} reads for 50 blocks before and after a loss"
+
+
+SILENT = {
+    "blocks": ('s7plcConfigure("PLC", "127.0.0.1", {port}, 4, 4000000, 1, 300, 100)', "@PLC/0 T=INT32"),
+    "Modbus": ('modbusplcConfigure PLC, 127.0.0.1, {port}, 1, "", "holding 0 10", 300', "@PLC/0 T=INT16")}
+
+
+@pytest.mark.parametrize("wire", SILENT)
+def test_nothing_comes_late(wire, new_ioc):
+    """{wire}: a lost connection is reset: what the PLC has not got, or not looked at, does not come behind newer values"""
+    configure, link = SILENT[wire]
+    peer = Peer(4, 4000000)
+    peer.reading.clear()  # no kernel takes a block of 4 MB
+    ioc = new_ioc(configure.format(port=peer.port), f'record(longout, "$(P)o") {{ field(DTYP, "S7plc") field(OUT, "{link}") }}')
+    ioc.put("o", 1)
+    peer.wait_connected()
+    ioc.wait_log("no block" if wire == "blocks" else "no answer")
+    count = len(peer.connections)
+    peer.wait_connected(count + 2)
+    peer.reading.set()
+    until(lambda: any(c.ended == "reset" for c in peer.connections), "the end of a connection")

@@ -269,8 +269,9 @@ PLC_COLD void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char
         plcExchangeLost(s, why);
         plcExchangeDown(s);
     }
-    /* No old block may reach one of a pair when another leads already. */
-    if (plcStationIsPair(s))
+    /* What did not get there in time must not come later: behind newer values of the next
+     * connection, or to one of a pair when another leads already. */
+    if (plcStationIsPair(s) || plcLineExchanges(s, i) || !plcLineDelivered(line))
         plcConnectionAbort(&line->connection, why, now);
     else
         plcConnectionClose(&line->connection, why, now);

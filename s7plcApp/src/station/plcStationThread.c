@@ -283,7 +283,7 @@ PLC_HOT static void takeOrders(plcStation *s, epicsUInt64 now)
     const char *why;
     unsigned i;
     unsigned moved;
-    int changed;
+    int changed, up;
 
     epicsMutexMustLock(s->lock);
     changed = s->optionsChanged;
@@ -307,9 +307,11 @@ PLC_HOT static void takeOrders(plcStation *s, epicsUInt64 now)
         if (!(moved & 1u << i))
             continue;
         s->lines[i].logged = ~0u; /* that an attempt ends by an order is no failure to be told */
-        if (s->lines[i].connection.state == plcConnectionUp)
+        up = s->lines[i].connection.state == plcConnectionUp;
+        if (!up || plcLineDelivered(&s->lines[i]))
+            plcConnectionClose(&s->lines[i].connection, why, now); /* in good order */
+        if (up)
             plcLineLost(s, i, now, why);
-        plcConnectionClose(&s->lines[i].connection, why, now);
         plcLineAddress(s, i, now);
     }
 }
