@@ -64,8 +64,8 @@ void plcModbusDestroy(plcModbus *modbus); /* ends and joins the thread */
 /* From the next request on. */
 void plcModbusSetOptions(plcModbus *modbus, const plcModbusOptions *options);
 
-/* The connection is up: begin (the worker uses a descriptor of its own for it, but shuts
- * the connection down when it is lost). First the output ranges are read (news: shown or
+/* The connection is up: begin (the worker uses a descriptor of its own for it; the caller
+ * closes its one when the news say that it is lost, or with plcModbusStop). First the output ranges are read (news: shown or
  * unread), then all input ranges, then each by its period. Orders from before are void.
  * joinedIn, joinedOut (may be NULL) are copied. */
 void plcModbusStart(plcModbus *modbus, SOCKET socket, const epicsUInt8 *joinedIn,

@@ -448,7 +448,8 @@ static world *worldCreate(plc *p, const char *inputs, const char *outputs, int b
 static void worldDestroy(world *w)
 {
     plcModbusDestroy(w->modbus);
-    toolClose(w->socket);
+    if (w->socket != INVALID_SOCKET)
+        toolClose(w->socket);
     plcFaultsDestroy(w->inFaults);
     plcFaultsDestroy(w->outFaults);
     plcImageDestroy(w->out);
@@ -471,13 +472,19 @@ static SOCKET connectTo(plc *p)
     return s;
 }
 
+static void stop(world *w)
+{
+    plcModbusStop(w->modbus);
+    if (w->socket != INVALID_SOCKET)
+        toolClose(w->socket); /* as the station does */
+    w->socket = INVALID_SOCKET;
+}
+
 static void start(world *w, const epicsUInt8 *joinedIn, const epicsUInt8 *joinedOut)
 {
     memset(&w->all, 0, sizeof(w->all));
     w->log[0] = 0;
-    if (w->socket != INVALID_SOCKET)
-        toolClose(w->socket);
-    plcModbusStop(w->modbus);
+    stop(w);
     plcImageAway(w->out, 1); /* as the station does */
     plcImageForget(w->out);
     plcImageAway(w->out, 0);
@@ -1115,7 +1122,7 @@ static void testLosses(void)
                "lost: %s", w->all.why);
         testOk(strcmp(fault(w->outFaults, 4, 2), losses[i].why) == 0,
                "the write that was under way is faulty, for the same reason");
-        plcModbusStop(w->modbus);
+        stop(w);
     }
     /* A PLC that has taken a value, and does not say so */
     plcSetRules(p, NULL, 0);
@@ -1126,7 +1133,7 @@ static void testLosses(void)
     putRegister(w, 3, 0x102);
     sendOrders(w);
     UNTIL(w, w->all.lost && plcRegister(p, 2) == 0x101);
-    plcModbusStop(w->modbus);
+    stop(w);
     plcSetRegister(p, 3, 0);
     plcSetRules(p, NULL, 0);
     good = fault(w->outFaults, 4, 2)[0] && fault(w->outFaults, 6, 2)[0];
@@ -1209,7 +1216,7 @@ static void testOldOrders(void)
         plcModbusStop(w->modbus);
         sendOrders(w);
         plcModbusStart(w->modbus, w->socket, NULL, NULL);
-        plcModbusStop(w->modbus);
+        stop(w);
         bad += plcRegister(p, 5) == 0xdead;
     }
     start(w, NULL, NULL);
@@ -1316,13 +1323,13 @@ static void testRest(void)
         plcOneRule(p, 0, 0, 65535, refuses, 6);
         start(w, NULL, NULL);
         WAIT_FOR(plcLogged(p) >= 2);
-        plcModbusStop(w->modbus);
+        stop(w);
         WAIT_FOR(!plcConnected(p));
         plcSetRules(p, NULL, 0);
         start(w, NULL, NULL);
         UNTIL(w, w->all.blocks);
         good += w->all.blocks > 0;
-        plcModbusStop(w->modbus);
+        stop(w);
         WAIT_FOR(!plcConnected(p));
     }
     testOk(good == 20, "stopped and started anew while it waits: %d of 20", good);
@@ -1392,7 +1399,7 @@ static void testNoThread(void)
         start(w, NULL, NULL);
         UNTIL(w, w->all.lost);
         good += strcmp(w->all.why, "no thread for Modbus") == 0;
-        plcModbusStop(w->modbus);
+        stop(w);
     }
     testOk(good == 3, "no thread: lost at once: %s", w->all.why);
     faultNoThreads(0);
