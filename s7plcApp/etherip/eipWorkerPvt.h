@@ -26,6 +26,7 @@ enum {
     eipPlansMax = 32,
     eipAskMost = 400, /* tags in one message */
     eipMessageMax = 65500,
+    eipWriteHead = 2 + 2 + 2, /* of a write: service, type, count */
     eipSilentTwice = 2 /* a PLC that was silent so often, when it was asked for this */
 };
 
@@ -259,6 +260,33 @@ int eipWantsTake(eipWorker *w);
 
 /* The first wish, as an index of w->byPlace, that ends behind this offset. */
 unsigned eipWantsBehind(const eipWorker *w, size_t offset);
+
+/* --- eipItems.c --------------------------------------------------------------------------- */
+
+/* What one service writes. */
+typedef enum { eipItemElements, eipItemBits, eipItemText, eipItemArray } eipItemKind;
+
+typedef struct eipItem {
+    eipItemKind kind;
+    unsigned tag, want, wants; /* wishes, one after the other */
+    epicsUInt32 index;
+    epicsUInt8 *bytes;  /* of the tag's type; eipItemBits: the bits, then which of them */
+    size_t length;
+    unsigned count;     /* elements */
+} eipItem;
+
+typedef struct eipBatch {
+    eipItem *items;
+    unsigned count, room;
+    unsigned from, sent; /* of the message that is under way */
+} eipBatch;
+
+/* What is to be written of one wish; it is refused here, if it cannot be. */
+void eipItemsAdd(eipWorker *w, eipBatch *b, unsigned want);
+void eipBatchFree(eipBatch *b);
+
+/* The put of a wish is through: written, or refused for a reason. */
+void eipItemsSettle(eipWorker *w, const eipWant *want, const char *reason);
 
 /* --- eipWrites.c -------------------------------------------------------------------------- */
 

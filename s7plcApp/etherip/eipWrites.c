@@ -1,9 +1,8 @@
-/* What was put: which services write it, and what becomes of their answers; see eipWorkerPvt.h.
- * All functions run in the worker's thread.
+/* What was put is written: which puts leave together, the messages with their items, and what
+ * becomes of the answers; see eipWorkerPvt.h. Does not know how values become items. All functions
+ * run in the worker's thread.
  *
- * A value that was put whole is written as an element, several beside each other as one
- * service; single bits by read-modify-write, so that nothing else of the element changes. Tags
- * are written by name: after a download an instance may be another tag.
+ * Tags are written by name: after a download an instance may be another tag.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -15,265 +14,275 @@
 
 enum {
     takenMost = 500, /* puts that leave together */
-    putHead = 20,    /* bytes that a put has in a message beside its value, about */
-    writeHead = 2 + 2 + 2 /* service, type, count */
+    putHead = 20     /* bytes that a put has in a message beside its value, about */
 };
 
-typedef enum { itemElements, itemBits, itemText, itemArray } itemKind;
+/* --- Messages --------------------------------------------------------------------------------- */
 
-/* What one service writes. */
-typedef struct item {
-    itemKind kind;
-    unsigned tag, want, wants; /* wishes, one after the other */
-    epicsUInt32 index;
-    epicsUInt8 *bytes;  /* of the tag's type; itemBits: the bits, then which of them */
-    size_t length;
-    unsigned count;     /* elements */
-} item;
-
-typedef struct batch {
-    item *items;
-    unsigned count, room;
-    unsigned from, sent; /* of the message that is under way */
-} batch;
-
-/* --- What was put ------------------------------------------------------------------------------ */
-
-/* Bits of the puts that this wish has. */
-static int hasPut(const eipWorker *w, const eipWant *want)
+static void putType(eipWriter *m, const eipTag *tag)
 {
-    size_t i;
+    eipPut16(m, tag->code);
+    if (tag->code == eipStructureCode)
+        eipPut16(m, tag->handle);
+}
 
-    for (i = 0; i < want->room; i++)
-        if (w->leaving[want->place + i])
-            return 1;
+/* A single BOOL of Omron: its value, and whether it is forced. */
+static int isTwoBytes(const eipWorker *w, const eipItem *it)
+{
+    return w->tags.omron && it->count == 1 && w->tags.tags[it->tag].code == eipBool;
+}
+
+static void putItem(eipWorker *w, eipWriter *m, unsigned i, void *arg)
+{
+    const eipBatch *b = arg;
+    const eipItem *it = &b->items[b->from + i];
+    const eipTag *tag = &w->tags.tags[it->tag];
+    size_t size = it->length / 2, k;
+
+    if (it->kind == eipItemBits) {
+        eipTagPathPut(m, &w->tags, tag, it->index, eipReadModifyWrite);
+        eipPut16(m, (unsigned)size);
+        for (k = 0; k < size; k++) /* v = (v | or) & and */
+            eipPut8(m, it->bytes[k] & it->bytes[size + k]);
+        for (k = 0; k < size; k++)
+            eipPut8(m, (it->bytes[k] | (epicsUInt8)~it->bytes[size + k]) & 0xff);
+        return;
+    }
+    eipTagPathPut(m, &w->tags, tag, it->index, eipWriteTag);
+    putType(m, tag);
+    eipPut16(m, it->count);
+    eipPutBytes(m, it->bytes, it->length);
+    if (isTwoBytes(w, it))
+        eipPut8(m, 0);
+}
+
+/* Of the request, its data, and the answer. */
+static eipLoad loadOf(const eipWorker *w, const eipItem *it)
+{
+    const eipTag *tag = &w->tags.tags[it->tag];
+
+    return (eipLoad){
+        eipWriteHead + 2 + eipTagPathBytes(&w->tags, tag, it->index) + (unsigned)it->length +
+            (unsigned)isTwoBytes(w, it),
+        eipAnswerHead + 4};
+}
+
+static void settleItem(eipWorker *w, const eipItem *it, const char *reason)
+{
+    unsigned i;
+
+    for (i = it->want; i < it->want + it->wants; i++)
+        eipItemsSettle(w, &w->tags.wants[i], reason);
+    if (!reason && eipWorkerEnter(w)) {
+        w->news.writes++;
+        epicsMutexUnlock(w->lock);
+    }
+}
+
+/* A PLC that knows no read-modify-write: the element is read, and written with its new bits. */
+static int writeBits(eipWorker *w, const eipItem *it)
+{
+    const eipTag *tag = &w->tags.tags[it->tag];
+    size_t size = it->length / 2, k;
+    epicsUInt8 raw[8];
+    eipWriter m = eipWorkerWriter(w);
+    eipAnswer answer;
+    eipData data;
+    char reason[PLC_REASON_SIZE];
+
+    eipTagPathPut(&m, &w->tags, tag, it->index, eipReadTag);
+    eipPut16(&m, 1);
+    if (eipWorkerAsk(w, &m, &answer))
+        return -1;
+    if (!answer.status && (eipDataTake(&answer, &data) || data.length < size))
+        answer.status = eipGeneral;
+    if (!answer.status) {
+        for (k = 0; k < size; k++)
+            raw[k] = (epicsUInt8)((data.bytes[k] & ~it->bytes[size + k]) |
+                                  (it->bytes[k] & it->bytes[size + k]));
+        m = eipWorkerWriter(w);
+        eipTagPathPut(&m, &w->tags, tag, it->index, eipWriteTag);
+        putType(&m, tag);
+        eipPut16(&m, 1);
+        eipPutBytes(&m, raw, size);
+        if (eipWorkerAsk(w, &m, &answer))
+            return -1;
+    }
+    eipWorkerReason(&answer, reason);
+    settleItem(w, it, answer.status ? reason : NULL);
     return 0;
 }
 
-/* The put of a wish is through: written, or refused for a reason. */
-static void settle(eipWorker *w, const eipWant *want, const char *reason)
+/* Writes some of the elements. */
+static int writePart(eipWorker *w, const eipItem *it, unsigned from, unsigned count, eipAnswer *answer)
 {
-    epicsUInt8 *mask = w->leaving + want->place;
-    int changed;
-    size_t i;
+    size_t size = it->length / it->count;
+    eipItem part = *it;
+    eipBatch b = {&part, 1, 1, 0, 0};
+    eipWriter m = eipWorkerWriter(w);
 
-    if (reason)
-        plcImagePutsFail(w->setup.out, want->place, want->room, mask, reason);
-    if (reason)
-        changed = plcFaultsSet(w->setup.outFaults, want->place, want->room, mask, reason);
-    else
-        changed = plcFaultsClear(w->setup.outFaults, want->place, want->room, mask);
-    for (i = 0; i < want->room; i++) {
-        size_t at = want->place + i;
+    part.index += from;
+    part.bytes += from * size;
+    part.count = count;
+    part.length = count * size;
+    putItem(w, &m, 0, &b);
+    return eipWorkerAsk(w, &m, answer);
+}
 
-        if (reason) {
-            w->back[at] &= (epicsUInt8)~mask[i];
-            w->unread[at] &= (epicsUInt8)~mask[i]; /* the PLC holds what it held */
-            continue;
-        }
-        w->written[at] |= mask[i];
-        w->unread[at] |= mask[i];
-        w->holds[at] = (epicsUInt8)((w->holds[at] & ~mask[i]) | (w->values[at] & mask[i]));
+/* A controller that has no fragments: as many elements at a time as fit. */
+static int writeRuns(eipWorker *w, const eipItem *it)
+{
+    unsigned size = (unsigned)it->length / it->count, at, n;
+    unsigned head = loadOf(w, it).request - (unsigned)it->length + 4; /* and an index that grows */
+    unsigned most = w->limits.room < head + size ? 1 : (w->limits.room - head) / size;
+    eipAnswer answer = {0};
+    char reason[PLC_REASON_SIZE];
+
+    for (at = 0; at < it->count && !answer.status; at += n) {
+        n = it->count - at < most ? it->count - at : most;
+        if (writePart(w, it, at, n, &answer))
+            return -1;
     }
-    w->refused |= reason != NULL;
-    memset(mask, 0, want->room);
-    if (!eipWorkerEnter(w))
+    eipWorkerReason(&answer, reason);
+    settleItem(w, it, answer.status ? reason : NULL);
+    return 0;
+}
+
+/* More than fits a message: piece by piece, whole elements. */
+static int writeLong(eipWorker *w, const eipItem *it)
+{
+    const eipTag *tag = &w->tags.tags[it->tag];
+    eipLoad load = loadOf(w, it);
+    size_t most = w->limits.room - (load.request - it->length) - 4, at = 0;
+    eipAnswer answer = {0};
+    char reason[PLC_REASON_SIZE];
+
+    most -= most % 8;
+    while (at < it->length && !answer.status) {
+        size_t n = it->length - at < most ? it->length - at : most;
+        eipWriter m = eipWorkerWriter(w);
+
+        eipTagPathPut(&m, &w->tags, tag, it->index, eipWriteFragment);
+        putType(&m, tag);
+        eipPut16(&m, it->count);
+        eipPut32(&m, (epicsUInt32)at);
+        eipPutBytes(&m, it->bytes + at, n);
+        if (eipWorkerAsk(w, &m, &answer))
+            return -1;
+        at += n;
+    }
+    eipWorkerReason(&answer, reason);
+    settleItem(w, it, answer.status ? reason : NULL);
+    return 0;
+}
+
+/* Several elements of which the PLC refused one are written one by one. */
+static int writeApart(eipWorker *w, const eipItem *it)
+{
+    unsigned i;
+
+    for (i = 0; i < it->wants; i++) {
+        eipItem one = *it;
+        eipAnswer answer;
+        char reason[PLC_REASON_SIZE];
+
+        one.want += i;
+        one.wants = 1;
+        if (writePart(w, it, i, 1, &answer))
+            return -1;
+        eipWorkerReason(&answer, reason);
+        settleItem(w, &one, answer.status ? reason : NULL);
+    }
+    return 0;
+}
+
+static void takeItem(eipWorker *w, unsigned i, const eipAnswer *answer, void *arg)
+{
+    eipBatch *b = arg;
+    const eipItem *it = &b->items[b->from + i];
+    char reason[PLC_REASON_SIZE];
+
+    b->sent = 1;
+    if (it->kind == eipItemBits && answer->status == eipNoService) {
+        w->noModify = eipSilentTwice;
+        writeBits(w, it);
         return;
-    w->news.outFaults |= changed || reason || want->shared; /* another put, or others follow */
-    w->hasNews = 1;
-    epicsMutexUnlock(w->lock);
-}
-
-static item *addItem(batch *b, itemKind kind, unsigned tag, unsigned want,
-                     const eipWant *wish, size_t length)
-{
-    item *it;
-
-    if (b->count == b->room) {
-        b->room = b->room * 2 + 16;
-        b->items = realloc(b->items, b->room * sizeof(*b->items));
-        if (!b->items)
-            cantProceed("etherip: no memory for %u writes\n", b->room);
     }
-    it = &b->items[b->count++];
-    *it = (item){kind, tag, want, 1, wish->index, NULL, length, 1};
-    it->bytes = callocMustSucceed(1, length + 8, "etherip");
-    return it;
-}
-
-/* The number that stands in a cell. */
-static eipNumber numberOf(const epicsUInt8 *place)
-{
-    epicsUInt64 bits = eipGetUnsigned(place + eipPlaceHead, 8);
-    eipNumber number = {(eipKind)place[eipPlaceKindAt], {0}};
-
-    if (number.kind != eipReal && number.kind != eipUnsigned)
-        number.kind = eipSigned;
-    memcpy(&number.u, &bits, sizeof(bits));
-    return number;
-}
-
-/* Joins the element to the item before, when it follows it. */
-static int join(eipWorker *w, batch *b, unsigned tag, unsigned want, const epicsUInt8 *raw,
-                unsigned size)
-{
-    item *it = b->count ? &b->items[b->count - 1] : NULL;
-    unsigned fits = w->limits.room - writeHead - 2 -
-                    (unsigned)eipPathBytes(w->tags.tags[tag].base, 0) - 6;
-
-    if (!it || it->kind != itemElements || it->tag != tag || it->want + it->wants != want ||
-        it->index + it->count != w->tags.wants[want].index ||
-        it->length + size > fits)
-        return 0;
-    it->bytes = realloc(it->bytes, it->length + size + 8);
-    if (!it->bytes)
-        cantProceed("etherip: no memory for a write\n");
-    memcpy(it->bytes + it->length, raw, size);
-    it->length += size;
-    it->count++;
-    it->wants++;
-    return 1;
-}
-
-static const char *noFit(eipWorker *w, const eipType *type)
-{
-    epicsSnprintf(w->noFit, sizeof(w->noFit), "the value does not fit %.12s", type->name);
-    return w->noFit;
-}
-
-/* A cell: a whole number, or some bits of it. Returns why not, or NULL. */
-static const char *cellItem(eipWorker *w, batch *b, unsigned tag, unsigned want)
-{
-    const eipWant *wish = &w->tags.wants[want];
-    const eipTag *t = &w->tags.tags[tag];
-    const eipType *type = eipTypeOf(t->code);
-    const epicsUInt8 *mask = w->leaving + wish->place, *place = w->values + wish->place;
-    epicsUInt64 bits = eipGetUnsigned(mask + eipPlaceHead, 8);
-    eipNumber number = numberOf(place);
-    epicsUInt8 raw[8];
-    item *it;
-
-    if (!type || !type->size)
-        return "the tag is no number";
-    if (!bits) { /* only what kind of number will come */
-        settle(w, wish, NULL);
-        return NULL;
+    if (eipAnswerIsOtherType(answer)) {
+        epicsMutexMustLock(w->tagsLock);
+        eipTagSetState(&w->tags, &w->tags.tags[it->tag], eipTagNew); /* it is another one now */
+        epicsMutexUnlock(w->tagsLock);
     }
-    if (bits == ~(epicsUInt64)0 || type->code == eipBool) {
-        if (type->code == eipBool && bits != ~(epicsUInt64)0)
-            number.u.integer &= (epicsInt64)bits;
-        if (eipNumberPut(type, raw, &number))
-            return noFit(w, type);
-        if (!wish->alone && join(w, b, tag, want, raw, type->size))
-            return NULL;
-        it = addItem(b, itemElements, tag, want, wish, type->size);
-        memcpy(it->bytes, raw, type->size);
-        return NULL;
-    }
-    if (type->kind == eipReal)
-        return "a real number has no bits";
-    it = addItem(b, itemBits, tag, want, wish, 2 * type->size);
-    memcpy(it->bytes, place + eipPlaceHead, type->size);
-    memcpy(it->bytes + type->size, mask + eipPlaceHead, type->size);
-    return NULL;
-}
-
-/* Strings are written whole: what is behind the text is 0. */
-static const char *textItem(eipWorker *w, batch *b, unsigned tag, unsigned want)
-{
-    const eipWant *wish = &w->tags.wants[want];
-    const eipTag *t = &w->tags.tags[tag];
-    const eipType *type = eipTypeOf(t->code);
-    const epicsUInt8 *place = w->values + wish->place;
-    size_t n = (size_t)eipGetUnsigned(place + eipPlaceCountAt, 4);
-    size_t length = t->code == eipStructureCode ? t->size : n + 2;
-    item *it;
-
-    if (!type || type->size)
-        return "the tag is no string";
-    /* Its length and text would lie over the first members of any other structure. */
-    if (t->code == eipStructureCode && !t->characters)
-        return "a structure not known as a string";
-    if (n > wish->room - eipPlaceHead)
-        n = wish->room - eipPlaceHead;
-    it = addItem(b, itemText, tag, want, wish, length);
-    it->length = eipTextPut(t->code, it->bytes, length, t->characters,
-                            (const char *)place + eipPlaceHead, n);
-    if (it->length)
-        return NULL;
-    free(it->bytes);
-    b->count--;
-    return "the text is too long for the tag";
-}
-
-/* An array, element by element, from the type of the record to that of the tag. */
-static const char *arrayItem(eipWorker *w, batch *b, unsigned tag, unsigned want)
-{
-    const eipWant *wish = &w->tags.wants[want];
-    const eipTag *t = &w->tags.tags[tag];
-    const eipType *type = eipTypeOf(t->code);
-    const epicsUInt8 *place = w->values + wish->place;
-    size_t n = (size_t)eipGetUnsigned(place + eipPlaceCountAt, 4), i;
-    eipType from = {"", 0, (eipKind)place[eipPlaceKindAt], place[eipPlaceSizeAt]};
-    item *it;
-
-    if (!type || !type->size)
-        return "the tag is no array of numbers";
-    if (!from.size || from.size > 8 || n > (wish->room - eipPlaceHead) / from.size)
-        return "no array was put";
-    it = addItem(b, itemArray, tag, want, wish, n * type->size);
-    it->count = (unsigned)n;
-    for (i = 0; i < n; i++) {
-        eipNumber number;
-
-        eipNumberGet(&from, place + eipPlaceHead + i * from.size, &number);
-        if (eipNumberAs(type, &from, &number, w->noFit, sizeof(w->noFit)) ||
-            eipNumberPut(type, it->bytes + i * type->size, &number)) {
-            free(it->bytes);
-            b->count--;
-            return noFit(w, type);
-        }
-    }
-    return NULL;
-}
-
-/* The tag of a wish: wishes of a tag stand together. */
-static unsigned tagOf(const eipWorker *w, unsigned want)
-{
-    unsigned low = 0, high = w->tags.tagCount;
-
-    while (high - low > 1) {
-        unsigned middle = low + (high - low) / 2;
-
-        if (w->tags.tags[middle].from <= want)
-            low = middle;
-        else
-            high = middle;
-    }
-    return low;
-}
-
-/* What is to be written of one wish; it is refused here, if it cannot be. */
-static void wantItem(eipWorker *w, batch *b, unsigned want)
-{
-    unsigned tag = tagOf(w, want);
-    const eipTag *t = &w->tags.tags[tag];
-    const eipWant *wish = &w->tags.wants[want];
-    const char *why;
-
-    if (w->queued[want] || !hasPut(w, wish))
+    if (answer->status && it->kind == eipItemElements && it->wants > 1) {
+        writeApart(w, it);
         return;
-    w->queued[want] = 1;
-    if (t->state != eipTagKnown)
-        why = t->state == eipTagBad ? t->reason : "the tag is another one now";
-    else if (wish->kind == eipCell)
-        why = cellItem(w, b, tag, want);
-    else
-        why = wish->kind == eipTextPlace ? textItem(w, b, tag, want)
-                                         : arrayItem(w, b, tag, want);
-    if (why)
-        settle(w, wish, why);
+    }
+    eipWorkerReason(answer, reason);
+    if (it->index && (answer->status == eipPathSegment || answer->status == eipPathUnknown))
+        epicsSnprintf(reason, sizeof(reason), "PLC: no such element (%02X)", answer->status);
+    if (answer->status)
+        eipWorkerNote(w, "write of %.50s: %s", w->tags.tags[it->tag].base, reason);
+    settleItem(w, it, answer->status ? reason : NULL);
 }
+
+/* A message with these has no answer: they may be in the PLC, or not. */
+static void loseItems(eipWorker *w, const eipBatch *b, unsigned n)
+{
+    unsigned i, k;
+
+    for (i = b->from; i < b->from + n; i++)
+        for (k = b->items[i].want; k < b->items[i].want + b->items[i].wants; k++) {
+            const eipWant *want = &w->tags.wants[k];
+            const epicsUInt8 *mask = w->leaving + want->place;
+
+            plcFaultsSet(w->setup.outFaults, want->place, want->room, mask, w->lost);
+            plcImagePutsFail(w->setup.out, want->place, want->room, mask, w->lost);
+        }
+}
+
+static int sendBatch(eipWorker *w, eipBatch *b)
+{
+    eipLoad *loads = callocMustSucceed(b->count + 1, sizeof(*loads), "etherip");
+    unsigned *bins = callocMustSucceed(b->count + 1, sizeof(*bins), "etherip");
+    unsigned i, n;
+    int status = 0;
+
+    for (i = 0; i < b->count; i++)
+        loads[i] = loadOf(w, &b->items[i]);
+    eipPack(loads, b->count, &w->limits, 1, bins);
+    for (b->from = 0; b->from < b->count && !status; b->from += n) {
+        const eipItem *it = &b->items[b->from];
+
+        for (n = 1; b->from + n < b->count && bins[b->from + n] == bins[b->from]; n++)
+            if (w->noModify >= eipSilentTwice && b->items[b->from + n].kind == eipItemBits)
+                break;
+        if (it->kind == eipItemBits && w->noModify >= eipSilentTwice) {
+            n = 1;
+            status = writeBits(w, it);
+        } else if (!eipFitsAlone(&loads[b->from], &w->limits)) {
+            n = 1;
+            status = w->tags.omron && it->count > 1 ? writeRuns(w, it) : writeLong(w, it);
+        } else {
+            for (i = b->from; i < b->from + n; i++)
+                if (b->items[i].kind == eipItemBits)
+                    w->asking = eipAskModify;
+            b->sent = 0;
+            status = eipWorkerAskMany(w, n, eipAskPlain, putItem, takeItem, b);
+            if (!status && !b->sent) /* not in one message: each in its own */
+                for (i = 0; i < b->count; i++)
+                    bins[i] = i;
+            if (!status && !b->sent)
+                n = 0;
+        }
+        if (status && w->lost[0])
+            loseItems(w, b, n);
+    }
+    free(loads);
+    free(bins);
+    return status;
+}
+
+/* --- What leaves together ---------------------------------------------------------------------- */
 
 /* Where the puts are that were taken together, in their order. */
 typedef struct taken {
@@ -314,284 +323,10 @@ static unsigned takeTogether(eipWorker *w, taken *t)
     return count;
 }
 
-/* --- Messages --------------------------------------------------------------------------------- */
-
-static void putType(eipWriter *m, const eipTag *tag)
-{
-    eipPut16(m, tag->code);
-    if (tag->code == eipStructureCode)
-        eipPut16(m, tag->handle);
-}
-
-/* A single BOOL of Omron: its value, and whether it is forced. */
-static int isTwoBytes(const eipWorker *w, const item *it)
-{
-    return w->tags.omron && it->count == 1 && w->tags.tags[it->tag].code == eipBool;
-}
-
-static void putItem(eipWorker *w, eipWriter *m, unsigned i, void *arg)
-{
-    const batch *b = arg;
-    const item *it = &b->items[b->from + i];
-    const eipTag *tag = &w->tags.tags[it->tag];
-    size_t size = it->length / 2, k;
-
-    if (it->kind == itemBits) {
-        eipTagPathPut(m, &w->tags, tag, it->index, eipReadModifyWrite);
-        eipPut16(m, (unsigned)size);
-        for (k = 0; k < size; k++) /* v = (v | or) & and */
-            eipPut8(m, it->bytes[k] & it->bytes[size + k]);
-        for (k = 0; k < size; k++)
-            eipPut8(m, (it->bytes[k] | (epicsUInt8)~it->bytes[size + k]) & 0xff);
-        return;
-    }
-    eipTagPathPut(m, &w->tags, tag, it->index, eipWriteTag);
-    putType(m, tag);
-    eipPut16(m, it->count);
-    eipPutBytes(m, it->bytes, it->length);
-    if (isTwoBytes(w, it))
-        eipPut8(m, 0);
-}
-
-/* Of the request, its data, and the answer. */
-static eipLoad loadOf(const eipWorker *w, const item *it)
-{
-    const eipTag *tag = &w->tags.tags[it->tag];
-
-    return (eipLoad){
-        writeHead + 2 + eipTagPathBytes(&w->tags, tag, it->index) + (unsigned)it->length +
-            (unsigned)isTwoBytes(w, it),
-        eipAnswerHead + 4};
-}
-
-static void settleItem(eipWorker *w, const item *it, const char *reason)
-{
-    unsigned i;
-
-    for (i = it->want; i < it->want + it->wants; i++)
-        settle(w, &w->tags.wants[i], reason);
-    if (!reason && eipWorkerEnter(w)) {
-        w->news.writes++;
-        epicsMutexUnlock(w->lock);
-    }
-}
-
-/* A PLC that knows no read-modify-write: the element is read, and written with its new bits. */
-static int writeBits(eipWorker *w, const item *it)
-{
-    const eipTag *tag = &w->tags.tags[it->tag];
-    size_t size = it->length / 2, k;
-    epicsUInt8 raw[8];
-    eipWriter m = eipWorkerWriter(w);
-    eipAnswer answer;
-    eipData data;
-    char reason[PLC_REASON_SIZE];
-
-    eipTagPathPut(&m, &w->tags, tag, it->index, eipReadTag);
-    eipPut16(&m, 1);
-    if (eipWorkerAsk(w, &m, &answer))
-        return -1;
-    if (!answer.status && (eipDataTake(&answer, &data) || data.length < size))
-        answer.status = eipGeneral;
-    if (!answer.status) {
-        for (k = 0; k < size; k++)
-            raw[k] = (epicsUInt8)((data.bytes[k] & ~it->bytes[size + k]) |
-                                  (it->bytes[k] & it->bytes[size + k]));
-        m = eipWorkerWriter(w);
-        eipTagPathPut(&m, &w->tags, tag, it->index, eipWriteTag);
-        putType(&m, tag);
-        eipPut16(&m, 1);
-        eipPutBytes(&m, raw, size);
-        if (eipWorkerAsk(w, &m, &answer))
-            return -1;
-    }
-    eipWorkerReason(&answer, reason);
-    settleItem(w, it, answer.status ? reason : NULL);
-    return 0;
-}
-
-/* Writes some of the elements. */
-static int writePart(eipWorker *w, const item *it, unsigned from, unsigned count, eipAnswer *answer)
-{
-    size_t size = it->length / it->count;
-    item part = *it;
-    batch b = {&part, 1, 1, 0, 0};
-    eipWriter m = eipWorkerWriter(w);
-
-    part.index += from;
-    part.bytes += from * size;
-    part.count = count;
-    part.length = count * size;
-    putItem(w, &m, 0, &b);
-    return eipWorkerAsk(w, &m, answer);
-}
-
-/* A controller that has no fragments: as many elements at a time as fit. */
-static int writeRuns(eipWorker *w, const item *it)
-{
-    unsigned size = (unsigned)it->length / it->count, at, n;
-    unsigned head = loadOf(w, it).request - (unsigned)it->length + 4; /* and an index that grows */
-    unsigned most = w->limits.room < head + size ? 1 : (w->limits.room - head) / size;
-    eipAnswer answer = {0};
-    char reason[PLC_REASON_SIZE];
-
-    for (at = 0; at < it->count && !answer.status; at += n) {
-        n = it->count - at < most ? it->count - at : most;
-        if (writePart(w, it, at, n, &answer))
-            return -1;
-    }
-    eipWorkerReason(&answer, reason);
-    settleItem(w, it, answer.status ? reason : NULL);
-    return 0;
-}
-
-/* More than fits a message: piece by piece, whole elements. */
-static int writeLong(eipWorker *w, const item *it)
-{
-    const eipTag *tag = &w->tags.tags[it->tag];
-    eipLoad load = loadOf(w, it);
-    size_t most = w->limits.room - (load.request - it->length) - 4, at = 0;
-    eipAnswer answer = {0};
-    char reason[PLC_REASON_SIZE];
-
-    most -= most % 8;
-    while (at < it->length && !answer.status) {
-        size_t n = it->length - at < most ? it->length - at : most;
-        eipWriter m = eipWorkerWriter(w);
-
-        eipTagPathPut(&m, &w->tags, tag, it->index, eipWriteFragment);
-        putType(&m, tag);
-        eipPut16(&m, it->count);
-        eipPut32(&m, (epicsUInt32)at);
-        eipPutBytes(&m, it->bytes + at, n);
-        if (eipWorkerAsk(w, &m, &answer))
-            return -1;
-        at += n;
-    }
-    eipWorkerReason(&answer, reason);
-    settleItem(w, it, answer.status ? reason : NULL);
-    return 0;
-}
-
-/* Several elements of which the PLC refused one are written one by one. */
-static int writeApart(eipWorker *w, const item *it)
-{
-    unsigned i;
-
-    for (i = 0; i < it->wants; i++) {
-        item one = *it;
-        eipAnswer answer;
-        char reason[PLC_REASON_SIZE];
-
-        one.want += i;
-        one.wants = 1;
-        if (writePart(w, it, i, 1, &answer))
-            return -1;
-        eipWorkerReason(&answer, reason);
-        settleItem(w, &one, answer.status ? reason : NULL);
-    }
-    return 0;
-}
-
-static void takeItem(eipWorker *w, unsigned i, const eipAnswer *answer, void *arg)
-{
-    batch *b = arg;
-    const item *it = &b->items[b->from + i];
-    char reason[PLC_REASON_SIZE];
-
-    b->sent = 1;
-    if (it->kind == itemBits && answer->status == eipNoService) {
-        w->noModify = eipSilentTwice;
-        writeBits(w, it);
-        return;
-    }
-    if (eipAnswerIsOtherType(answer)) {
-        epicsMutexMustLock(w->tagsLock);
-        eipTagSetState(&w->tags, &w->tags.tags[it->tag], eipTagNew); /* it is another one now */
-        epicsMutexUnlock(w->tagsLock);
-    }
-    if (answer->status && it->kind == itemElements && it->wants > 1) {
-        writeApart(w, it);
-        return;
-    }
-    eipWorkerReason(answer, reason);
-    if (it->index && (answer->status == eipPathSegment || answer->status == eipPathUnknown))
-        epicsSnprintf(reason, sizeof(reason), "PLC: no such element (%02X)", answer->status);
-    if (answer->status)
-        eipWorkerNote(w, "write of %.50s: %s", w->tags.tags[it->tag].base, reason);
-    settleItem(w, it, answer->status ? reason : NULL);
-}
-
-/* A message with these has no answer: they may be in the PLC, or not. */
-static void loseItems(eipWorker *w, const batch *b, unsigned n)
-{
-    unsigned i, k;
-
-    for (i = b->from; i < b->from + n; i++)
-        for (k = b->items[i].want; k < b->items[i].want + b->items[i].wants; k++) {
-            const eipWant *want = &w->tags.wants[k];
-            const epicsUInt8 *mask = w->leaving + want->place;
-
-            plcFaultsSet(w->setup.outFaults, want->place, want->room, mask, w->lost);
-            plcImagePutsFail(w->setup.out, want->place, want->room, mask, w->lost);
-        }
-}
-
-static int sendBatch(eipWorker *w, batch *b)
-{
-    eipLoad *loads = callocMustSucceed(b->count + 1, sizeof(*loads), "etherip");
-    unsigned *bins = callocMustSucceed(b->count + 1, sizeof(*bins), "etherip");
-    unsigned i, n;
-    int status = 0;
-
-    for (i = 0; i < b->count; i++)
-        loads[i] = loadOf(w, &b->items[i]);
-    eipPack(loads, b->count, &w->limits, 1, bins);
-    for (b->from = 0; b->from < b->count && !status; b->from += n) {
-        const item *it = &b->items[b->from];
-
-        for (n = 1; b->from + n < b->count && bins[b->from + n] == bins[b->from]; n++)
-            if (w->noModify >= eipSilentTwice && b->items[b->from + n].kind == itemBits)
-                break;
-        if (it->kind == itemBits && w->noModify >= eipSilentTwice) {
-            n = 1;
-            status = writeBits(w, it);
-        } else if (!eipFitsAlone(&loads[b->from], &w->limits)) {
-            n = 1;
-            status = w->tags.omron && it->count > 1 ? writeRuns(w, it) : writeLong(w, it);
-        } else {
-            for (i = b->from; i < b->from + n; i++)
-                if (b->items[i].kind == itemBits)
-                    w->asking = eipAskModify;
-            b->sent = 0;
-            status = eipWorkerAskMany(w, n, eipAskPlain, putItem, takeItem, b);
-            if (!status && !b->sent) /* not in one message: each in its own */
-                for (i = 0; i < b->count; i++)
-                    bins[i] = i;
-            if (!status && !b->sent)
-                n = 0;
-        }
-        if (status && w->lost[0])
-            loseItems(w, b, n);
-    }
-    free(loads);
-    free(bins);
-    return status;
-}
-
-static void freeBatch(batch *b)
-{
-    unsigned i;
-
-    for (i = 0; i < b->count; i++)
-        free(b->items[i].bytes);
-    free(b->items);
-}
-
 /* Writes what was taken, in its order. Returns 0, or -1: the session is over. */
 static int writeTogether(eipWorker *w, const taken *t)
 {
-    batch b = {0};
+    eipBatch b = {0};
     unsigned i, k;
     int status;
 
@@ -603,10 +338,10 @@ static int writeTogether(eipWorker *w, const taken *t)
 
             if (w->byPlace[k].place >= t->end[i])
                 break;
-            wantItem(w, &b, want);
+            eipItemsAdd(w, &b, want);
         }
     status = b.count ? sendBatch(w, &b) : 0;
-    freeBatch(&b);
+    eipBatchFree(&b);
     if (status == 0 && eipWorkerEnter(w)) {
         plcImagePutsDone(w->setup.out);
         if (w->refused) /* the PLC holds what it held: the outputs go back to that */
