@@ -1,5 +1,5 @@
 /* Inside of the worker of a Modbus PLC; only for plcModbus.c, plcModbusMailbox.c,
- * plcModbusAsk.c, plcModbusReads.c and plcModbusWrites.c.
+ * plcModbusAsk.c, plcModbusTurns.c, plcModbusReads.c and plcModbusWrites.c.
  *
  * The worker's thread alone uses `session` and calls libmodbus, never with the lock held.
  * What goes between it and the station's thread is in the structure under the lock. Each
@@ -204,6 +204,31 @@ void plcWorkerLoad(plcModbus *m, const plcRequest *q, const plcPiece *p,
 /* Writes what is ordered now, until a read or the heartbeat is due. Returns 0; 1: there is more; or -1:
  * the session is over. */
 int plcWorkerWriteAll(plcModbus *m);
+
+/* --- plcModbusTurns.c -------------------------------------------------------------- */
+
+/* No turns any more, for a new plan: it is tried again whether values can be read as a whole. */
+void plcWorkerTurnsClear(plcModbus *m);
+
+/* A request that was planned, as one or more turns. */
+void plcWorkerTurnsAdd(plcModbus *m, plcRequest q, int output, epicsUInt64 due);
+
+/* A read of several ranges got no answer: they are not read together any more. */
+void plcWorkerTurnsSilent(plcModbus *m, const turn *t);
+
+/* A read that was refused comes again in this round as two: first where the user's ranges meet,
+ * then in halves, until it is known which registers the PLC refuses; also those of one value, so that
+ * its neighbours that share one of them are read. Returns 0 when it is of one register or bit. */
+int plcWorkerTurnsSplit(plcModbus *m, unsigned at, int code);
+
+/* Neighbours that are refused cost one request from now on. */
+void plcWorkerTurnsJoin(plcModbus *m, int output);
+
+/* True when b is a part of the value of which a is one. */
+int plcWorkerSameValue(const turn *a, const turn *b);
+
+/* The parts of a value are one read again. Returns its turn. */
+turn *plcWorkerJoinParts(plcModbus *m, turn t);
 
 /* --- plcModbusReads.c -------------------------------------------------------------- */
 
