@@ -9,6 +9,7 @@
 
 #include <epicsTime.h>
 
+#include "plcErrno.h"
 #include "plcModbusSocket.h"
 
 /* So many transaction numbers back, an answer is an old one. */
@@ -98,11 +99,7 @@ static int lostBy(plcModbusResult *x, int error)
 {
     x->closed = error == ECONNRESET || error == EPIPE;
     x->reset = x->closed;
-    if (x->closed)
-        return plcModbusLost(x, "connection reset by PLC");
-    if (error == ETIMEDOUT)
-        return plcModbusLost(x, "PLC does not answer");
-    return plcModbusLost(x, "%s", strerror(error));
+    return plcModbusLost(x, "%s", plcErrnoText(error));
 }
 
 static int lostByTime(plcModbusResult *x, const char *what, double timeout)
