@@ -36,11 +36,11 @@ clockTest = plcClock plcCodec
 linkTest = plcLink plcLinkComplete plcOtherTypes plcCodec
 pointersTest = plcPointers
 statsTest = plcStats
-putsTest = plcPuts
+putsTest = plcPuts plcPutEntry
 faultsTest = plcFaults
 
-imageTest = plcImage plcImageOut plcPuts
-readbackTest = plcReadback plcImage plcImageOut plcPuts
+imageTest = plcImage plcImageOut plcPuts plcPutEntry
+readbackTest = plcReadback plcImage plcImageOut plcPuts plcPutEntry
 framingTest = framingTestSlip plcFraming
 roleTest = pairRole
 syncTest = plcSync plcCodec

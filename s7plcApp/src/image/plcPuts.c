@@ -3,27 +3,10 @@
 #include <string.h>
 
 #include <cantProceed.h>
-#include <ellLib.h>
-
-#include "plcPuts.h"
+#include "plcPutsPvt.h"
 
 const char plcNotWritten[] = "not written: PLC was away";
 const char plcNotConfirmed[] = "not confirmed: PLC was away";
-
-/* One put; its bytes, and its mask where it has one, stand behind it. */
-typedef struct entry {
-    ELLNODE node;
-    epicsUInt64 first, last; /* its number, and the first of those whose place it took */
-    size_t offset, length;
-    int edges;
-    int cancelled; /* under way: it does not wait again */
-    int masked;
-    int failed;        /* not all of it is in the PLC */
-    int lost;          /* and never will be */
-    plcLastPut *who;   /* asks for it; NULL: nobody, */
-    int again;         /* since it is put again, for all who have put there */
-    epicsUInt8 bytes[1]; /* length, and as many again for the mask */
-} entry;
 
 struct plcPuts {
     size_t size, room; /* bytes in use, and at most: puts may lie behind those in use */
@@ -60,74 +43,6 @@ void plcPutsDestroy(plcPuts *p)
     ellFree(&p->underWay);
     free(p->newest);
     free(p);
-}
-
-/* --- Entries -----------------------------------------------------------------------------*/
-
-static epicsUInt8 *maskOf(entry *e)
-{
-    return e->masked ? e->bytes + e->length : NULL;
-}
-
-static plcPut viewOf(entry *e)
-{
-    return (plcPut){e->offset, e->length, e->bytes, maskOf(e), e->who};
-}
-
-static int samePlace(entry *e, const plcPut *put)
-{
-    if (e->offset != put->offset || e->length != put->length || e->masked != !!put->mask)
-        return 0;
-    return !put->mask || memcmp(maskOf(e), put->mask, e->length) == 0;
-}
-
-/* True when bits of the entry are among these. */
-static int touches(entry *e, size_t offset, size_t length, const epicsUInt8 *mask)
-{
-    size_t i, at;
-
-    for (i = 0; i < e->length; i++) {
-        at = e->offset + i;
-        if (at >= offset && at < offset + length &&
-            (e->masked ? maskOf(e)[i] : 0xff) & (mask ? mask[at - offset] : 0xff))
-            return 1;
-    }
-    return 0;
-}
-
-/* True when all of its bits are. */
-static int isWithin(entry *e, size_t offset, size_t length, const epicsUInt8 *mask)
-{
-    size_t i, at;
-
-    for (i = 0; i < e->length; i++) {
-        epicsUInt8 bits = e->masked ? maskOf(e)[i] : 0xff;
-
-        at = e->offset + i;
-        if (bits && (at < offset || at >= offset + length ||
-                     (mask && bits & ~mask[at - offset])))
-            return 0;
-    }
-    return 1;
-}
-
-/* True when bits of that place are among those of the entry. */
-static int liesIn(entry *e, const plcLastPut *who)
-{
-    return touches(e, who->offset, who->length, who->masked ? who->mask : NULL);
-}
-
-static entry *entryOf(const plcPut *put, int edges, epicsUInt64 number)
-{
-    entry *e = callocMustSucceed(1, sizeof(*e) + 2 * put->length, "plcPuts");
-
-    *e = (entry){.first = number, .last = number, .offset = put->offset,
-                 .length = put->length, .edges = edges, .masked = put->mask != NULL,
-                 .who = put->last};
-    memcpy(e->bytes, put->data, put->length);
-    if (put->mask)
-        memcpy(maskOf(e), put->mask, put->length);
-    return e;
 }
 
 /* --- Who asks ----------------------------------------------------------------------------*/
@@ -202,7 +117,7 @@ static plcLastPut *nextWho(plcPuts *p, entry *e, plcLastPut *before)
     if (!e->again)
         return before || !e->who || e->who->first > e->last ? NULL : e->who;
     who = (plcLastPut *)(before ? ellNext(&before->node) : ellFirst(&p->asking));
-    while (who && (who->waits || !who->number || !liesIn(e, who)))
+    while (who && (who->waits || !who->number || !plcEntryLiesIn(e, who)))
         who = (plcLastPut *)ellNext(&who->node);
     return who;
 }
@@ -265,8 +180,8 @@ static void thinOut(plcPuts *p)
     for (; e; e = before) {
         before = (entry *)ellPrevious(&e->node);
         other = p->newest[e->offset];
-        view = viewOf(e);
-        while (!samePlace(other, &view)) /* e at the latest */
+        view = plcEntryView(e);
+        while (!plcEntrySamePlace(other, &view)) /* e at the latest */
             other = (entry *)ellPrevious(&other->node);
         if (other != e) {
             dropEntry(p, e);
@@ -282,7 +197,7 @@ static int takesPlace(plcPuts *p, const plcPut *put, int edges)
 {
     entry *e = p->newest[put->offset];
 
-    if (!e || !samePlace(e, put))
+    if (!e || !plcEntrySamePlace(e, put))
         return 0;
     if (p->away) {
         dropEntry(p, e); /* the new one is the last of all */
@@ -311,7 +226,7 @@ epicsUInt64 plcPutsAdd(plcPuts *p, const plcPut *put, int edges)
         return p->number;
     if ((unsigned)ellCount(&p->waiting) >= p->most)
         thinOut(p);
-    e = entryOf(put, edges, p->number);
+    e = plcEntryOf(put, edges, p->number);
     ellAdd(&p->waiting, &e->node);
     p->newest[e->offset] = e;
     return p->number;
@@ -330,36 +245,13 @@ void plcPutsAway(plcPuts *p, int away)
     p->dropped = dropped; /* none of these was too many */
 }
 
-/* Takes bits out of an entry; without `mask` all that lie in the bytes. Returns 1 when none is
- * left. */
-static int without(entry *e, size_t offset, size_t length, const epicsUInt8 *mask)
-{
-    size_t i, at;
-    epicsUInt8 any = 0, *bits;
-
-    if (e->offset + e->length <= offset || offset + length <= e->offset)
-        return 0;
-    if (!e->masked) {
-        e->masked = 1;
-        memset(maskOf(e), 0xff, e->length);
-    }
-    bits = maskOf(e);
-    for (i = 0; i < e->length; i++) {
-        at = e->offset + i;
-        if (at >= offset && at < offset + length)
-            bits[i] &= mask ? (epicsUInt8)~mask[at - offset] : 0;
-        any |= bits[i];
-    }
-    return !any;
-}
-
 void plcPutsVoid(plcPuts *p, size_t offset, size_t length, const void *mask)
 {
     entry *e, *next;
 
     for (e = (entry *)ellFirst(&p->waiting); e; e = next) {
         next = (entry *)ellNext(&e->node);
-        if (without(e, offset, length, mask))
+        if (plcEntryWithout(e, offset, length, mask))
             dropEntry(p, e);
     }
 }
@@ -374,22 +266,6 @@ void plcPutsVoidAll(plcPuts *p)
     }
 }
 
-/* True when the value has other bits there than the entry. */
-static int isOther(entry *e, size_t offset, size_t length, const epicsUInt8 *value,
-                   const epicsUInt8 *mask)
-{
-    size_t i, at;
-
-    for (i = 0; i < e->length; i++) {
-        at = e->offset + i;
-        if (at >= offset && at < offset + length &&
-            (e->bytes[i] ^ value[at - offset]) & (mask ? mask[at - offset] : 0xff) &
-                (e->masked ? maskOf(e)[i] : 0xff))
-            return 1;
-    }
-    return 0;
-}
-
 void plcPutsReplace(plcPuts *p, size_t offset, size_t length, const void *value,
                     const void *mask)
 {
@@ -397,8 +273,8 @@ void plcPutsReplace(plcPuts *p, size_t offset, size_t length, const void *value,
 
     for (e = (entry *)ellFirst(&p->waiting); e; e = next) {
         next = (entry *)ellNext(&e->node);
-        if (!isOther(e, offset, length, value, mask)) {
-            if (!e->lost && isWithin(e, offset, length, mask))
+        if (!plcEntryIsOther(e, offset, length, value, mask)) {
+            if (!e->lost && plcEntryIsWithin(e, offset, length, mask))
                 taken(p, e); /* so it is there */
         } else if (e->who && e->who->tells && e->who->first <= e->last && !e->who->why[0]) {
             fail(p, e, plcNotWritten);
@@ -412,7 +288,7 @@ void plcPutsFail(plcPuts *p, size_t offset, size_t length, const void *mask, con
     entry *e;
 
     for (e = (entry *)ellFirst(&p->underWay); e; e = (entry *)ellNext(&e->node))
-        if (!e->failed && touches(e, offset, length, mask))
+        if (!e->failed && plcEntryTouches(e, offset, length, mask))
             fail(p, e, why);
 }
 
@@ -458,9 +334,9 @@ int plcPutsAhead(plcPuts *p, const void *image, const void *mask)
         return 0;
     waiting = callocMustSucceed(1, p->room, "plcPutsAhead");
     plcPutsBits(p, waiting);
-    e = entryOf(&all, 1, 0);
+    e = plcEntryOf(&all, 1, 0);
     for (i = 0; i < p->size; i++)
-        any |= maskOf(e)[i] = (epicsUInt8)(bits[i] & ~waiting[i]);
+        any |= plcEntryMask(e)[i] = (epicsUInt8)(bits[i] & ~waiting[i]);
     free(waiting);
     if (!any) {
         free(e);
@@ -476,32 +352,6 @@ int plcPutsAhead(plcPuts *p, const void *image, const void *mask)
 
 /* --- What leaves -------------------------------------------------------------------------*/
 
-/* True when it would change a bit that is taken already. */
-static int changes(entry *e, const epicsUInt8 *values, const epicsUInt8 *mask)
-{
-    size_t i, at;
-
-    for (i = 0; i < e->length; i++) {
-        at = e->offset + i;
-        if ((e->bytes[i] ^ values[at]) & mask[at] & (e->masked ? maskOf(e)[i] : 0xff))
-            return 1;
-    }
-    return 0;
-}
-
-static void take(entry *e, epicsUInt8 *values, epicsUInt8 *mask)
-{
-    size_t i, at;
-    epicsUInt8 bits;
-
-    for (i = 0; i < e->length; i++) {
-        at = e->offset + i;
-        bits = e->masked ? maskOf(e)[i] : 0xff;
-        values[at] = (epicsUInt8)((values[at] & ~bits) | (e->bytes[i] & bits));
-        mask[at] |= bits;
-    }
-}
-
 unsigned plcPutsTake(plcPuts *p, int (*joins)(void *arg, const plcPut *put), void *arg,
                      void *values, void *mask)
 {
@@ -512,14 +362,14 @@ unsigned plcPutsTake(plcPuts *p, int (*joins)(void *arg, const plcPut *put), voi
     if (ellCount(&p->underWay))
         return 0;
     while ((e = (entry *)ellFirst(&p->waiting))) {
-        view = viewOf(e);
+        view = plcEntryView(e);
         /* The first is asked too, so that joins() knows it. */
         if (joins && !joins(arg, &view) && count)
             break;
-        if (count && (!joins || changes(e, values, mask)))
+        if (count && (!joins || plcEntryChanges(e, values, mask)))
             break;
         unlinkEntry(p, e);
-        take(e, values, mask);
+        plcEntryTake(e, values, mask);
         ellAdd(&p->underWay, &e->node);
         count++;
     }
@@ -562,8 +412,8 @@ void plcPutsEnd(plcPuts *p, const void *mask)
 
     for (e = (entry *)ellFirst(&p->underWay); e; e = next) {
         next = (entry *)ellNext(&e->node);
-        e->lost |= touches(e, 0, p->room, mask);
-        if (!without(e, 0, p->room, mask))
+        e->lost |= plcEntryTouches(e, 0, p->room, mask);
+        if (!plcEntryWithout(e, 0, p->room, mask))
             continue;
         ellDelete(&p->underWay, &e->node);
         letGo(e);
@@ -609,7 +459,7 @@ static void addBits(const ELLLIST *list, epicsUInt8 *mask)
         entry *e = (entry *)node;
 
         for (i = 0; i < e->length; i++)
-            mask[e->offset + i] |= e->masked ? maskOf(e)[i] : 0xff;
+            mask[e->offset + i] |= e->masked ? plcEntryMask(e)[i] : 0xff;
     }
 }
 
@@ -628,7 +478,7 @@ int plcPutsOverlay(const plcPuts *p, size_t offset, size_t length, const void *m
             at = e->offset + i;
             if (at < offset || at - offset >= length)
                 continue;
-            bits = (epicsUInt8)((e->masked ? maskOf(e)[i] : 0xff) &
+            bits = (epicsUInt8)((e->masked ? plcEntryMask(e)[i] : 0xff) &
                                 (wanted ? wanted[at - offset] : 0xff));
             any |= bits;
             if (to)
