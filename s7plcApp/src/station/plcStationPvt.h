@@ -253,7 +253,7 @@ void plcStationCountPuts(plcStation *station);
 const char *plcStationOutReason(const plcStation *s);
 
 /* True when all that was sent on the line that takes the output has reached the PLC / the same of
- * a line without a worker, that is up. By the thread. */
+ * a line that is up; of one with a worker, what the kernel has. By the thread. */
 int plcStationDelivered(const plcStation *s);
 int plcLineDelivered(const plcLine *line);
 

@@ -150,7 +150,9 @@ size_t plcStationHeader(const plcStation *s)
 
 int plcLineDelivered(const plcLine *line)
 {
-    return !line->transport->sending(line->pvt) && plcConnectionDelivered(&line->connection);
+    const plcTransport *t = line->transport;
+
+    return !(t->sending && t->sending(line->pvt)) && plcConnectionDelivered(&line->connection);
 }
 
 int plcStationDelivered(const plcStation *s)
