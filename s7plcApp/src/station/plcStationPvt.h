@@ -348,18 +348,8 @@ void plcInputAliveStep(plcStation *s, epicsUInt64 now, epicsUInt64 *wake);
 /* (Re)creates what finds the address of line i, after it changed. */
 void plcLineAddress(plcStation *s, unsigned i, epicsUInt64 now);
 
-/* Timers of line i: connect, give up, silence. */
-void plcLineStep(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64 *wake);
-
 /* The data of a pair lives on for recvTimeout without a leader. */
 void plcLineDataStep(plcStation *s, epicsUInt64 *wake);
-
-/* What to wait for in poll() on line i. Nothing where a worker watches the socket, and knows why it
- * ends. */
-void plcLinePoll(const plcStation *s, unsigned i, struct pollfd *fd);
-
-/* poll() reported something about line i. */
-void plcLineReady(plcStation *s, unsigned i, short revents, epicsUInt64 now);
 
 /* Line i was up and is gone, or has to go: closes it and says why. */
 void plcLineLost(plcStation *s, unsigned i, epicsUInt64 now, const char *why);
@@ -368,6 +358,26 @@ void plcLineOpened(plcStation *s, unsigned i, epicsUInt64 now);
 
 /* Something happened that the policy must know; the leader may change. */
 void plcLineTellPolicy(plcStation *s, plcEvent event, unsigned i, epicsUInt64 now);
+
+/* Connects line i, if its address is known. */
+void plcLineOpen(plcStation *s, unsigned i, epicsUInt64 now);
+/* TCP is up. */
+void plcLineUp(plcStation *s, unsigned i, epicsUInt64 now);
+/* TCP could not be made. */
+void plcLineFailed(plcStation *s, unsigned i, epicsUInt64 now, const char *why);
+/* The next attempt is after the longest wait. */
+void plcLineRetrySlowly(plcLine *line, epicsUInt64 now);
+
+/* A PLC whose blocks look right and wrong in turns: that is said twice a minute. */
+int plcLineChangesOften(const plcLine *line);
+
+/* When the PLC has been silent for too long on this connection. One of a pair may begin to send
+ * when nobody leads any more. */
+epicsUInt64 plcLineSilenceDue(const plcStation *s, const plcLine *line);
+
+/* Of a pair only the PRIMARY sends. When nobody leads, one of both connections may be dead
+ * although TCP has not noticed: each is made anew in its turn. */
+int plcLineMustSend(const plcStation *s, unsigned i);
 
 /* True for a line that only carries output, while blocks come by another. */
 static inline int plcLineIsOutput(const plcStation *s, unsigned i)
@@ -386,6 +396,18 @@ static inline int plcStationHasOutLine(const plcStation *s)
 {
     return s->outLine > 0;
 }
+
+/* --- plcStationWatch.c: what happens on the connections; the thread only ------------- */
+
+/* Timers of line i: connect, give up, silence. */
+void plcLineStep(plcStation *s, unsigned i, epicsUInt64 now, epicsUInt64 *wake);
+
+/* What to wait for in poll() on line i. Nothing where a worker watches the socket, and knows why it
+ * ends. */
+void plcLinePoll(const plcStation *s, unsigned i, struct pollfd *fd);
+
+/* poll() reported something about line i. */
+void plcLineReady(plcStation *s, unsigned i, short revents, epicsUInt64 now);
 
 /* --- plcExchange.c: between the thread and the transport that has a worker; the thread only.
  * Nothing happens where none has. --------------------------------------------------------- */
