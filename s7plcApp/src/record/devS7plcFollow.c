@@ -196,10 +196,10 @@ void devFollowJoin(devRecord *dev)
     if (dev->shifted)
         dev->mask = *dev->shifted;
     dev->shown = callocMustSucceed(1, dev->length + 1, "devFollowJoin");
+    devListJoin(dev, devFollowers); /* first: its place may be filled at once, and that is told once */
     plcStationAddReadback(dev->station, dev, dev->offset,
                           dev->has & plcHasR ? dev->readback : PLC_NO_PLACE, dev->length,
                           devMask(dev, mask));
-    devListJoin(dev, devFollowers);
 }
 
 void devFollowLeave(devRecord *dev)
