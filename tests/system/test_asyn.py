@@ -4,12 +4,12 @@ import os
 import random
 import re
 import struct
-import subprocess
 import threading
 
 import pytest
 
 from client import ARCH, TOP
+from demos import run_demo
 from waiting import until, until_equal
 
 PROGRAM = "s7plcAsynIoc"
@@ -1136,7 +1136,4 @@ def test_modbus_lost(new_modbus, new_asyn):
 
 def test_demo():
     """make demo-asyn ends well: the same values side by side, and a trace"""
-    done = subprocess.run([TOP / "iocBoot/iocAsyn/demo"], stdin=subprocess.DEVNULL,
-                          capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.endswith("demo ok\n")
+    run_demo("iocAsyn", 300)

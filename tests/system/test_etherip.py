@@ -1,6 +1,5 @@
 """DTYP "EtherIP": an IOC with nothing but ether_ip.dbd, and plcSim as its controller."""
 import itertools
-import os
 import re
 import struct
 import subprocess
@@ -9,6 +8,7 @@ import epics
 import pytest
 
 from client import ARCH, TOP
+from demos import run_demo
 from eipplant import rec
 from soak import clock
 from ioc import errors_in
@@ -1121,12 +1121,8 @@ def test_plctag_programs_structures(plant):
 
 def test_demo():
     """make demo-etherip shows tags, a put, a missing tag, and ends by itself"""
-    env = {k: v for k, v in os.environ.items() if not k.startswith("EPICS_C")}
-    run = subprocess.run([str(TOP / "iocBoot/iocEtherIP/demo")], stdin=subprocess.DEVNULL, env=env,
-                         capture_output=True, text=True, timeout=120)
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert run.stdout.endswith("demo ok\n"), run.stdout
-    requests = re.search(r"Requests per second for all of it +([\d.]+)", run.stdout)
+    shown = run_demo("iocEtherIP", 120)
+    requests = re.search(r"Requests per second for all of it +([\d.]+)", shown)
     assert 5 < float(requests.group(1)) < 13
 
 

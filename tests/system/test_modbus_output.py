@@ -1,16 +1,14 @@
 """Blocks in, Modbus out (s7plcModbusOutput): what leaves, when, and whom a refusal concerns."""
-import os
 import random
 import re
 import struct
-import subprocess
 import threading
 import time
 
 import epics
 import pytest
 
-from client import TOP
+from demos import run_demo
 from ioc import SINCE_7_0_6, errors_in
 from waiting import until, until_equal
 
@@ -1242,11 +1240,7 @@ def test_silent_server_does_not_chatter(new_modbus, new_ioc):
 
 def test_demo():
     """make demo-modbus ends by itself: values are acknowledged, a refusal is shown where it belongs"""
-    env = {k: v for k, v in os.environ.items() if not k.startswith("EPICS_C")}
-    run = subprocess.run([str(TOP / "iocBoot/iocModbus/demo")], stdin=subprocess.DEVNULL, env=env,
-                         capture_output=True, text=True, timeout=120)
-    assert run.returncode == 0, run.stdout + run.stderr
+    shown = run_demo("iocModbus", 120)
     said = "PLC: exception 3, illegal data value" if SINCE_7_0_6 else ""
-    assert re.search(rf"Speed 9999 +33.25 +33.25 +9999 +100  {said}\n", run.stdout)
-    assert re.search(r"caput Force 12.5: others are not affected +12.5 +12.5 +9999 +100  NO_ALARM", run.stdout)
-    assert run.stdout.endswith("demo ok\n"), run.stdout
+    assert re.search(rf"Speed 9999 +33.25 +33.25 +9999 +100  {said}\n", shown)
+    assert re.search(r"caput Force 12.5: others are not affected +12.5 +12.5 +9999 +100  NO_ALARM", shown)

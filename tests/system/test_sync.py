@@ -3,13 +3,13 @@ import os
 import random
 import signal
 import struct
-import subprocess
 import threading
 import time
 
 import pytest
 
 from client import SECOND_IOC, TOP
+from demos import run_demo
 from waiting import until, until_equal
 
 # Setpoints: DB10, 20 bytes. They are bytes 4 ... 23 of both blocks.
@@ -487,8 +487,4 @@ def test_no_ping_pong(pair_of):
 
 def test_demo():
     """make demo-sync without a terminal ends by itself and says demo ok"""
-    env = {k: v for k, v in os.environ.items() if not k.startswith("EPICS_C")}
-    run = subprocess.run([str(TOP / "iocBoot/iocSync/demo")], stdin=subprocess.DEVNULL, env=env,
-                         capture_output=True, text=True, timeout=120)
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert run.stdout.endswith("demo ok\n"), run.stdout
+    run_demo("iocSync", 120)

@@ -2,11 +2,11 @@
 import os
 import signal
 import struct
-import subprocess
 
 import pytest
 
-from client import SECOND_IOC, TOP
+from client import SECOND_IOC
+from demos import run_demo
 from scl import tables
 from scl.plc import SclTablesPlc
 from sim import Sim
@@ -400,8 +400,4 @@ def test_messages(new_ioc, tmp_path, lines, words):
 
 def test_demo():
     """make demo-tables without a terminal ends by itself and says demo ok"""
-    env = {k: v for k, v in os.environ.items() if not k.startswith("EPICS_C")}
-    run = subprocess.run([str(TOP / "iocBoot/iocTables/demo")], stdin=subprocess.DEVNULL, env=env,
-                         capture_output=True, text=True, timeout=120)
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert run.stdout.endswith("demo ok\n"), run.stdout
+    run_demo("iocTables", 120)
