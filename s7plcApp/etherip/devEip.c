@@ -452,10 +452,10 @@ static long secondRefused(dbCommon *prec, const devRecord *dev, long status)
     return -1;
 }
 
-/* The PLC does not show this place: there is nothing to follow. */
+/* The PLC does not show this place: there is nothing to follow, and what it shows next is news. */
 static long notShown(dbCommon *prec, devRecord *dev)
 {
-    dev->following = 0;
+    dev->following = dev->known = 0;
     prec->udf = TRUE;
     return devRefused(prec, dev) || devUnseen(prec, dev) ? -1 : noValue(prec);
 }

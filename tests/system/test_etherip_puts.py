@@ -283,3 +283,33 @@ def test_whose_alarm(plant):
     plant.set("A", 8)
     plant.ioc.wait_alarm("a2", "NO_ALARM")  # the PLC has what was put
     assert plant.ioc.alarm("a") == ("INVALID", "WRITE", "the value does not fit INT")
+
+
+def test_put_after_link_change(plant):
+    """A put to a new link, made before its value has come while the PLC goes away, is void with its alarm"""
+    plant.tags("tag A DINT = 5", "tag B DINT = 6")
+    plant.records(rec("longout", "o", "A S 0.05"))
+    plant.ioc.wait_alarm("o", "NO_ALARM")
+    plant.sim.command("etherip refuse on")
+    plant.sim.command("etherip close")
+    plant.ioc.wait_log("disconnected")
+    plant.ioc.put("o.OUT", "@P B S 0.05")
+    plant.ioc.put("o", 77)
+    plant.sim.command("etherip refuse off")
+    plant.ioc.wait_alarm("o", "INVALID", "WRITE", "not written: PLC was away")
+    until_equal(lambda: plant.ioc.plain("o"), 6)
+    assert plant.tag("B") == "6"
+
+
+def test_others_after_loss(plant):
+    """One put around a loss, 20 times: outputs on the same tag that did not put have no alarm after it"""
+    plant.tags("tag A DINT = 5")
+    names = [f"o{i}" for i in range(6)]
+    plant.records(*(rec("longout", name, "A S 0.05") for name in names))
+    for name in names:
+        plant.ioc.wait_alarm(name, "NO_ALARM")
+    for value in range(10, 30):
+        plant.sim.command("etherip reset")
+        plant.ioc.put("o0", value)
+        for name in names[1:]:
+            plant.ioc.wait_alarm(name, "NO_ALARM")

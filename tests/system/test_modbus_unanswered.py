@@ -1,5 +1,7 @@
 """Writes that a Modbus device never answers, or answers wrongly: they end with their alarm after one repetition, and the
 station goes on."""
+import threading
+
 import pytest
 
 from ioc import errors_in
@@ -279,3 +281,26 @@ def test_second_try(new_modbus, new_ioc):
     until_equal(lambda: d.plc.holding[BASE + BAD], 7)
     d.ioc.wait_alarm("o5", "NO_ALARM")
     assert len(d.tries()) == 1 and len(d.plc.writes()) == 2 and "not tried again" not in d.ioc.log
+
+
+def test_turn_after_reconnect(new_modbus, new_ioc):
+    """what was put while the device was away keeps its alarm until it is written, one after the other"""
+    d = Device(new_modbus, new_ioc, "readPeriod 0")
+    plc, ioc = d.plc, d.ioc
+    names = [f"o{i}" for i in range(0, 20, 4)]
+    plc.power_off()
+    ioc.wait_log("disconnected")
+    for name in names:
+        ioc.put(name, 7)
+        ioc.wait_alarm(name, "INVALID", "COMM")
+    gate = threading.Event()
+    plc.judge = lambda request: 6 if request.function in (6, 16) and not gate.is_set() and BASE + 8 in request.addresses() else 0  # busy
+    plc.power_on()
+    until(lambda: plc.holding[BASE + 4] == 7, "a first put in the device")
+    ioc.wait_alarm("o4", "NO_ALARM")
+    ioc.wait_alarm("o8", "INVALID", "COMM", "waits for its turn")
+    assert plc.holding[BASE + 8] == 0
+    gate.set()
+    for name in names:
+        ioc.wait_alarm(name, "NO_ALARM")
+    assert [plc.holding[BASE + int(name[1:])] for name in names] == [7] * 5

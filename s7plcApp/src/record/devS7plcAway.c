@@ -6,6 +6,7 @@
  */
 #include <stdarg.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include <alarm.h>
 #include <dbAccess.h>
@@ -19,6 +20,15 @@
 static int isAway(devRecord *dev, char reason[PLC_REASON_SIZE])
 {
     return plcStationKeeps(dev->station, dev->shown != NULL, reason);
+}
+
+/* The PLC is there again, and has not got yet what was put before. */
+static int hasTurn(devRecord *dev, char reason[PLC_REASON_SIZE])
+{
+    if (!plcStationAcknowledges(dev->station) || !plcImageWaits(dev->image, &dev->last))
+        return 0;
+    strcpy(reason, "waits for its turn");
+    return 1;
 }
 
 /* Raises an alarm, and keeps in mind which one it hides. Returns -1. */
@@ -43,7 +53,9 @@ long devAway(dbCommon *prec, devRecord *dev)
     char reason[PLC_REASON_SIZE];
 
     devListJoin(dev, devWaiting);
-    return isAway(dev, reason) ? raiseAlarm(prec, dev, COMM_ALARM, reason) : 0;
+    return isAway(dev, reason) || hasTurn(dev, reason)
+               ? raiseAlarm(prec, dev, COMM_ALARM, reason)
+               : 0;
 }
 
 long devRefused(dbCommon *prec, devRecord *dev)
@@ -109,6 +121,8 @@ static epicsEnum16 alarmOf(devRecord *dev, char reason[PLC_REASON_SIZE])
         return WRITE_ALARM;
     if ((dev->raised == COMM_ALARM || plcImageWaits(dev->image, &dev->last)) &&
         isAway(dev, reason))
+        return COMM_ALARM;
+    if (dev->raised == COMM_ALARM && hasTurn(dev, reason))
         return COMM_ALARM;
     return dev->unseen && dev->unseen(dev, reason) ? READ_ALARM : 0;
 }

@@ -206,6 +206,18 @@ static void tellThrough(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     x->told = through;
 }
 
+/* Records whose puts waited for this connection are told as they leave, one after the other. */
+static void tellLate(plcStation *s)
+{
+    plcExchange *x = s->exchange;
+
+    if (!x->late || !epicsAtomicGetIntT(&s->taken) || countThrough(s) == x->lateTold)
+        return;
+    x->lateTold = countThrough(s);
+    x->late = plcImagePutsWaiting(s->out, NULL, NULL) != 0;
+    plcInputFollow(s, 0);
+}
+
 /* What is under way may have reached the PLC, what waits has not, and nobody knows when it will. */
 void plcExchangeLost(plcStation *s, const char *why)
 {
@@ -244,6 +256,7 @@ void plcExchangeDown(plcStation *s)
     plcExchange *x = s->exchange;
 
     x->waiting = 0;
+    x->late = 1;
     x->sign = 0;
     x->transport->down(x->pvt);
     plcInputRefused(s, 0, 0, "");
@@ -538,6 +551,7 @@ void plcExchangePuts(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     plcStationCountPuts(s);
     tellListener(s);
     tellThrough(s, now, wake);
+    tellLate(s);
 }
 
 /* --- Orders -------------------------------------------------------------------------------*/

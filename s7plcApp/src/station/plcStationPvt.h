@@ -62,6 +62,8 @@ typedef struct plcExchange {
     epicsUInt64 through;   /* puts up to this one, when the news were fetched */
     epicsUInt64 ordered;   /* when the oldest put under way was made; 0: none is */
     epicsUInt64 told;      /* up to where all was through when that was last told */
+    int late;              /* puts of before this connection may wait still; */
+    epicsUInt64 lateTold;  /* their records were told when so many were through */
     epicsUInt64 listenerTold; /* the same, to the listener */
     size_t used;           /* bytes of the images in use, as the transport says */
     int owners;            /* plcOwnersChanges when the worker was told where values lie */
