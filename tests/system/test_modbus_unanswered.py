@@ -250,7 +250,7 @@ def test_with_track(new_modbus, new_ioc):
 @pytest.mark.parametrize("how", ["mute", "echo"])
 def test_heartbeat(new_modbus, new_ioc, how):
     """{how} for the heartbeat register: it is counted once more after the reconnect, then once a minute; the station goes on"""
-    d = Device(new_modbus, new_ioc, "readPeriod 50", "heartbeat 50", f"heartbeatRegister {BASE + BAD}", how=how)
+    d = Device(new_modbus, new_ioc, "requestTimeout 1000", "readPeriod 50", "heartbeat 50", f"heartbeatRegister {BASE + BAD}", how=how)
     d.ioc.wait_log("heartbeat register 205: ")
     d.good("o6", 8, 6)
     tries, losses = len(d.tries()), d.ioc.get("losses")
