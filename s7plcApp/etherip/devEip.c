@@ -482,6 +482,42 @@ int devEipFollows(const dbCommon *prec)
     return isShown(dev) && !isForced(dev);
 }
 
+/* Reads of its period until now; 0: none yet. */
+static epicsUInt64 turnsOf(const devEip *own)
+{
+    eipTimes times;
+
+    return eipWorkerTimes(own->plc->worker, own->period, &times) ? 0 : times.turns;
+}
+
+int devEipRests(const dbCommon *prec)
+{
+    const devRecord *dev = prec->dpvt;
+    const devEip *own = eipOf(dev);
+    char reason[PLC_REASON_SIZE];
+
+    return isForced(dev) && own->turns == turnsOf(own) &&
+           (plcImageWhyNot(dev->image, &dev->last, reason) ||
+            (own->second && plcImageWhyNot(dev->image, &own->last, reason)));
+}
+
+/* FORCE: its value again. What was refused stays so until the PLC has taken it. */
+static long writeAgain(dbCommon *prec, devRecord *dev)
+{
+    devEip *own = eipOf(dev);
+    long status;
+
+    dev->following = 0;
+    dev->last.goesOn = 0;
+    dev->last.again = own->last.again = 1;
+    status = devSupportOf(prec)->write(prec);
+    dev->last.again = own->last.again = 0;
+    dev->mark.number = 0; /* nobody waits for it */
+    if (!status)
+        status = devRefused(prec, dev);
+    return secondRefused(prec, dev, status);
+}
+
 long devEipWrite(dbCommon *prec)
 {
     devRecord *dev = prec->dpvt;
@@ -492,12 +528,10 @@ long devEipWrite(dbCommon *prec)
         return devWrite(prec);
     if (follows && !isShown(dev))
         return notShown(prec, dev);
-    if (follows && isForced(dev)) {
-        dev->following = 0;
-        status = ((const devSupport *)prec->dset)->write(prec);
-        dev->mark.number = 0; /* nobody waits for it */
-        return status;
-    }
+    if (eipOf(dev)->force && !ends)
+        eipOf(dev)->turns = turnsOf(eipOf(dev)); /* first: a read that ends now may be older */
+    if (follows && isForced(dev))
+        return writeAgain(prec, dev);
     if (!follows)
         eipOf(dev)->forced = 1;
     status = devWrite(prec);

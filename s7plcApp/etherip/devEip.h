@@ -29,6 +29,7 @@ typedef struct devEip {
     int output;
     int force;            /* the PLC's value is written over, not followed, */
     int forced;           /* once the record has a value of its own */
+    epicsUInt64 turns;    /* reads of its period there were before it was written */
     eipStatistic statistic;
     char misfit[PLC_REASON_SIZE]; /* outputs: why the record cannot have what the PLC shows */
 } devEip;
@@ -93,6 +94,9 @@ long devEipWrite(dbCommon *prec);
 
 /* Will it take the PLC's value, when it processes to follow? */
 int devEipFollows(const dbCommon *prec);
+
+/* FORCE: what was refused is written again after the next read, not before. */
+int devEipRests(const dbCommon *prec);
 
 /* An integer from a number: a real one is rounded; the nearest one there is. */
 epicsInt64 devEipInteger(const eipNumber *number);

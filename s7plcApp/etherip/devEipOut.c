@@ -317,8 +317,8 @@ static int resolveAao(dbCommon *common, devRecord *dev, const char *text, plcLin
     {                                                                                      \
         .common = DEV_DSET, .transfer = devEipWrite, .dtyp = "EtherIP", .field = "OUT",    \
         .direction = devOut, .shape = {type, 0, 0, 0, NULL}, .initStatus = status,         \
-        .write = puts, .follow = takes, .follows = devEipFollows, .resolve = find,         \
-        __VA_ARGS__                       \
+        .write = puts, .follow = takes, .follows = devEipFollows, .rests = devEipRests,    \
+        .resolve = find, __VA_ARGS__                                                       \
     }
 
 const devSupport devEipAo = OUTPUT("ao", 2, devEipNumber, writeAo, followAo, .pulse = NULL);

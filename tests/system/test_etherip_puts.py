@@ -1,5 +1,7 @@
 """Puts to tags, and what their records show after them: what the PLC makes of a value counts, and
 what was read before it never comes back."""
+import re
+
 import epics
 import pytest
 
@@ -178,6 +180,42 @@ def test_force_at_start(plant):
     plant.wait_tag("A", "77")
     plant.ioc.wait_value("b", 9)
     assert plant.tag("B") == "9" and plant.tag("C") == "7" and plant.ioc.get("a") == 77
+
+
+def asked(plant, tag):
+    """The reads and writes of the tag, in their order."""
+    return "".join({"4c": "r", "4d": "w"}[service] for service in
+                   re.findall(rf"(4[cd]):{tag}=", plant.sim.command("etherip received 1000")))
+
+
+@pytest.mark.parametrize("way", ["read-only", "key switch"])
+def test_force_refused(plant, way):
+    """FORCE that the PLC refuses is written once after each read, and its alarm stays until it is taken"""
+    plant.tags(f"tag A DINT {'readonly' * (way == 'read-only')} = 5", "tag F DINT counter")
+    plant.records(rec("longout", "a", "A S 0.1 FORCE"), rec("longin", "f", "F S 0.02"))
+    ioc = plant.ioc
+    ioc.wait_value("a", 5)
+    reason = "PLC: no right to access it (0F)"
+    if way == "key switch":
+        ioc.put("a", 7)
+        reason = "PLC: key switch not in REM (10 2101)"
+        plant.sim.command("etherip key run")
+        plant.set("A", 98)
+    else:
+        ioc.put("a", 7)
+    ioc.wait_alarm("a", "INVALID", "WRITE", reason)
+    seen = heard(ioc, "a")
+    plant.sim.command("etherip clear")
+    until(lambda: asked(plant, "A").count("w") >= 6, "rewrites")
+    assert "ww" not in asked(plant, "A") and asked(plant, "A").count("w") < 20
+    assert ioc.alarm("a") == ("INVALID", "WRITE", reason) and set(seen) == {(7, 3)}
+    if way == "key switch":
+        plant.sim.command("etherip key remote")
+        plant.wait_tag("A", "7")
+    else:
+        plant.set("A", 7)
+    ioc.wait_alarm("a", "NO_ALARM")
+    assert ioc.get("a") == 7
 
 
 AWAY = "not written: PLC was away"

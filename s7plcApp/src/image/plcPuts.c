@@ -66,8 +66,9 @@ void plcLastPutBegin(plcPuts *p, plcLastPut *who, epicsUInt64 number, const plcP
     if (who->goesOn)
         return;
     who->first = number;
-    who->bad = 0;
-    setWhy(p, who, "");
+    who->bad = who->again && who->why[0] ? number : 0;
+    if (!who->bad)
+        setWhy(p, who, "");
 }
 
 void plcLastPutFail(plcPuts *p, plcLastPut *who, epicsUInt64 number, const char *why)

@@ -32,6 +32,7 @@ typedef struct plcLastPut {
     epicsUInt8 mask[8];
     epicsUInt8 *bytes;     /* room for `length` bytes: the value of the last put */
     int goesOn;            /* before a put: it ends what the one before began (a pulse), whose reason stays */
+    int again;             /* before a put: of what has failed, whose reason stays until it is taken */
     int tells;             /* before a put: that another value takes its place is worth a word */
     /* ---- */
     epicsUInt64 first, number; /* of his put, or of the first one of a pulse and the last; 0: none */

@@ -142,6 +142,9 @@ typedef struct devSupport {
     /* Outputs that may decide not to follow: will it take the PLC's value, when it processes to
      * follow? NULL: always. */
     int (*follows)(const dbCommon *prec);
+    /* 1: it does not process to follow now, but is to be asked again with the next news of the PLC.
+     * NULL: never. */
+    int (*rests)(const dbCommon *prec);
 } devSupport;
 
 static inline const devSupport *devSupportOf(const dbCommon *prec)

@@ -156,6 +156,8 @@ static void followRecord(dbCommon *prec, const plcStation *station, int takes)
         return;
     if (delays)
         takeQuietly(prec, dev);
+    else if (devSupportOf(prec)->rests && devSupportOf(prec)->rests(prec))
+        plcStationTellLater(dev->station);
     else
         followByProcess(prec, dev);
 }

@@ -241,6 +241,8 @@ void plcStationOnTake(plcStation *station, void (*follow)(plcStation *station));
 
 /* Asks for such a call. */
 void plcStationTell(plcStation *station);
+/* The same, but not before there is news of the PLC. */
+void plcStationTellLater(plcStation *station);
 
 /* 1 while TCP to the PLC is up; of a pair: to the one that leads, and in a switch-over
  * while the data is still valid. *reason (may be NULL) says why not. */

@@ -297,6 +297,11 @@ void plcStationTell(plcStation *s)
     plcStationWake(s);
 }
 
+void plcStationTellLater(plcStation *s)
+{
+    epicsAtomicSetIntT(&s->tell, 1);
+}
+
 /* Fills reason (unless NULL) with why, which is guarded by the lock, unless it is fine. */
 static int sayWhy(plcStation *s, int fine, const char *why, char *reason)
 {
