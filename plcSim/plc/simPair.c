@@ -8,6 +8,7 @@
  *
  * SPDX-License-Identifier: BSD-3-Clause
  */
+#include <math.h>
 #include <net/if.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -83,6 +84,14 @@ static double bitsDouble(epicsUInt64 bits)
 
     memcpy(&value, &bits, sizeof(value));
     return value;
+}
+
+/* Of a message: s, as simNow; what is no time is now. */
+static double timeOf(const epicsUInt8 *p)
+{
+    double time = bitsDouble(simGetInt(p, 8, 1));
+
+    return fabs(time) < 1e12 ? time : simNow();
 }
 
 static void sendState(simPair *pair)
@@ -242,13 +251,13 @@ static void takeState(simPair *pair, const epicsUInt8 *m)
     pair->partnerPrimary = (m[1] & FLAG_PRIMARY) != 0;
     pair->partnerNet = (m[1] & FLAG_NET) != 0;
     pair->partnerReady = (m[1] & FLAG_READY) != 0;
-    pair->partnerSince = bitsDouble(simGetInt(m + 2, 8, 1));
+    pair->partnerSince = timeOf(m + 2);
     if (pair->partnerPrimary) {
         pair->primarySeen = pair->heardTime;
         if (!pair->isPrimary) {
             /* it sends its memory before its state, so all of it is here */
             pair->ready = 1;
-            pair->plc->epoch = bitsDouble(simGetInt(m + 10, 8, 1));
+            pair->plc->epoch = timeOf(m + 10);
             pair->plc->block = simGetInt(m + 18, 8, 1);
         }
     }
