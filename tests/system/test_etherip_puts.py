@@ -351,3 +351,17 @@ def test_others_after_loss(plant):
         plant.ioc.put("o0", value)
         for name in names[1:]:
             plant.ioc.wait_alarm(name, "NO_ALARM")
+
+
+def test_end_of_a_pulse_refused(plant):
+    """The end of a pulse that the PLC refuses is tried again; when it is taken, its alarm ends"""
+    plant.tags("tag B BOOL")
+    plant.records(rec("bo", "b", "B S 0.05", "HIGH=2", "ZNAM=0", "ONAM=1"))
+    plant.ioc.wait_alarm("b", "NO_ALARM")
+    plant.ioc.put("b", 1)
+    plant.wait_tag("B", "1")
+    plant.sim.command("etherip key run")
+    plant.ioc.wait_alarm("b", "INVALID", "WRITE", "key switch")
+    plant.sim.command("etherip key remote")
+    plant.wait_tag("B", "0")
+    plant.ioc.wait_alarm("b", "NO_ALARM")

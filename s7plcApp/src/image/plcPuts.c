@@ -59,11 +59,15 @@ static void setWhy(plcPuts *p, plcLastPut *who, const char *why)
 
 void plcLastPutBegin(plcPuts *p, plcLastPut *who, epicsUInt64 number, const plcPut *put)
 {
+    /* The end of a pulse that was refused is tried again: a put like any other. */
+    int again = who->bad == who->number && put->length &&
+                memcmp(who->bytes, put->data, put->length) == 0;
+
     who->number = number;
     who->waits = p != NULL;
     if (put->length)
         memcpy(who->bytes, put->data, put->length);
-    if (who->goesOn)
+    if (who->goesOn && !again)
         return;
     who->first = number;
     who->bad = who->again && who->why[0] ? number : 0;
