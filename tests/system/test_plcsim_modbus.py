@@ -184,9 +184,9 @@ def test_connections_end(new_sim, server):
     sim = new_sim("byteorder = little\nmodbus_port = 0\netherip_port = 0\ndb 10 8\nmodbus holding 0 4 -> DB10.0\ntag A DINT\n")
     port = {"modbus": sim.modbus_port, "etherip": sim.etherip_port}[server]
     for command in ("close", "reset"):
-        before = len([line for line in sim.lines if re.search(r"connection \d+ from", line)])
+        before = len([line for line in sim.lines if re.search(r"connection \d+ from \S+$", line)])
         plcs = [socket.create_connection(("127.0.0.1", port), LIMIT) for _ in range(2)]
-        until(lambda: len([line for line in sim.lines if re.search(r"connection \d+ from", line)]) == before + 2, lambda: "\n".join(sim.lines))
+        until(lambda: len([line for line in sim.lines if re.search(r"connection \d+ from \S+$", line)]) == before + 2, lambda: "\n".join(sim.lines))
         sim.command(f"{server} {command}")
         for plc in plcs:
             try:

@@ -1458,7 +1458,7 @@ static void testDescriptors(void)
     plc *p = plcCreate();
     world *w = worldCreate(p, "holding 0 10", "holding 20 10", 1), *late;
     struct rlimit limit;
-    int fds[fillers], more[fillers], low, pair[2];
+    int fds[fillers], more[fillers], low, keep, pair[2];
 
     getrlimit(RLIMIT_NOFILE, &limit);
     limit.rlim_cur = limit.rlim_max;
@@ -1481,6 +1481,7 @@ static void testDescriptors(void)
     testOk(w->socket >= 1100 && w->all.blocks && plcRegister(p, 23) == 0x7777 &&
                !w->all.lost,
            "%d descriptors are open: reads and writes", fillers);
+    keep = fcntl(w->socket, F_DUPFD, 1100); /* the server's next descriptor must be a low one, too */
     worldDestroy(w);
     openAll(more);
     late = worldCreate(p, "holding 0 10", "holding 20 10", 1);
@@ -1493,6 +1494,7 @@ static void testDescriptors(void)
     plcModbusStop(late->modbus);
     closeAll(fds);
     closeAll(more);
+    close(keep);
     close(low);
     close(pair[0]);
     close(pair[1]);
