@@ -29,12 +29,12 @@ void eipItemsSettle(eipWorker *w, const eipWant *want, const char *reason)
     int changed;
     size_t i;
 
-    if (reason)
+    if (reason) {
         plcImagePutsFail(w->setup.out, want->place, want->room, mask, reason);
-    if (reason)
         changed = plcFaultsSet(w->setup.outFaults, want->place, want->room, mask, reason);
-    else
+    } else {
         changed = plcFaultsClear(w->setup.outFaults, want->place, want->room, mask);
+    }
     for (i = 0; i < want->room; i++) {
         size_t at = want->place + i;
 

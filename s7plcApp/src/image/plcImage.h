@@ -146,9 +146,10 @@ int plcImageWhyNot(plcImage *image, const plcLastPut *last, char why[PLC_REASON_
 /* 1 while the last put has not left, or has no answer. */
 int plcImageWaits(plcImage *image, const plcLastPut *last);
 
-/* See plcPutsFail, plcPutsShown. */
+/* See plcPutsFail, plcPutsFailed, plcPutsShown. */
 void plcImagePutsFail(plcImage *image, size_t offset, size_t length, const void *mask,
                       const char *why);
+int plcImagePutsFailed(plcImage *image);
 int plcImagePutsShown(plcImage *image, const void *shown, const void *unknown);
 
 /* How many puts wait or are under way; of puts that are kept also their bits in mask, and what

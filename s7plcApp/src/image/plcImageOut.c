@@ -458,12 +458,22 @@ void plcImagePutsFail(plcImage *image, size_t offset, size_t length, const void 
     epicsMutexUnlock(image->lock);
 }
 
+int plcImagePutsFailed(plcImage *image)
+{
+    int failed;
+
+    epicsMutexMustLock(image->lock);
+    failed = image->puts && plcPutsFailed(image->puts);
+    epicsMutexUnlock(image->lock);
+    return failed;
+}
+
 int plcImagePutsShown(plcImage *image, const void *shown, const void *unknown)
 {
     int news;
 
     epicsMutexMustLock(image->lock);
-    news = image->puts && plcPutsShown(image->puts, shown, unknown);
+    news = plcPutsShown(image->puts, shown, unknown);
     epicsMutexUnlock(image->lock);
     return news;
 }

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include <cantProceed.h>
+
 #include "plcPutsPvt.h"
 
 const char plcNotWritten[] = "not written: PLC was away";
@@ -310,10 +311,15 @@ static int isShown(const plcLastPut *who, const epicsUInt8 *shown, const epicsUI
     return 1;
 }
 
+int plcPutsFailed(const plcPuts *p)
+{
+    return p->failed != 0;
+}
+
 /* The first look may be older than what has failed. */
 int plcPutsShown(plcPuts *p, const void *shown, const void *unknown)
 {
-    plcLastPut *who = p->failed ? (plcLastPut *)ellFirst(&p->asking) : NULL;
+    plcLastPut *who = (plcLastPut *)ellFirst(&p->asking);
     int news = 0;
 
     for (; who; who = (plcLastPut *)ellNext(&who->node)) {

@@ -89,6 +89,9 @@ void plcLastPutFail(plcPuts *puts, plcLastPut *who, epicsUInt64 number, const ch
 void plcLastPutBegin(plcPuts *puts, plcLastPut *who, epicsUInt64 number, const plcPut *put);
 void plcLastPutForgive(plcPuts *puts, plcLastPut *who);
 
+/* 1: somebody's last put has failed. */
+int plcPutsFailed(const plcPuts *puts);
+
 /* The PLC shows these bytes, as large as the image, but the bits set in `unknown` (NULL: none): where it
  * has what was put, that has not failed. Returns 1 when that is news. */
 int plcPutsShown(plcPuts *puts, const void *shown, const void *unknown);

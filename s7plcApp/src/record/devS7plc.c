@@ -323,7 +323,7 @@ static void attach(dbCommon *prec)
             devFollowJoin(dev);
         if (dev->shown && !dev->unseen)
             dev->unseen = devNotShown;
-        if (running) /* what is put now is no value of the start */
+        if (out && running) /* what is put now is no value of the start */
             dev->takes = plcStationTakes(dev->station);
         if (out)
             devAsk(dev, &dev->last, dev->offset, dev->length, devMask(dev, bits));

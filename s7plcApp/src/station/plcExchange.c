@@ -412,6 +412,8 @@ static void findPuts(plcStation *s)
     plcExchange *x = s->exchange;
     size_t i, size = plcImageSize(s->out);
 
+    if (!plcImagePutsFailed(s->out))
+        return;
     for (i = 0; i < size; i++)
         x->mask[i] = (char)((x->hides ? x->hidden[i] : 0) |
                             (x->transport->age ? x->older[i] : 0));
