@@ -1045,23 +1045,27 @@ def test_statistics(new_modbus, new_ioc):
     ioc.wait_alarm("in", "NO_ALARM")
 
 
-def test_reads_between_puts(new_modbus, new_ioc):
-    """thirty puts to a PLC that takes 0.1 s for each: it is read between them, and its heartbeat goes on"""
+def puts_to_a_slow_plc(new_modbus, new_ioc, count, inputs, outputs, heartbeat, *options):
+    """So many puts to a PLC that takes 0.1 s for each request; returns the requests from then on."""
     peer = new_modbus()
     db = "".join(f'record(longout, "$(P)o{n}") {{ field(DTYP, "S7plc") field(OUT, "@PLC/{4 * n} T=INT16") }}\n'
-                 for n in range(30))
-    ioc = new_ioc(peer.configure("holding 0 10 every 100", "holding 100 60") + """
-        s7plcSetOption PLC complete sent
-        s7plcSetOption PLC heartbeatRegister 300
-        s7plcSetOption PLC heartbeat 500""", PROBE + db)
+                 for n in range(count))
+    ioc = new_ioc(peer.configure(inputs, outputs) + "".join(f"\ns7plcSetOption PLC {option}" for option in (
+        "complete sent", "heartbeatRegister 300", f"heartbeat {heartbeat}", *options)), PROBE + db)
     ioc.wait_alarm("in", "NO_ALARM")
     until(lambda: 300 in peer.written(), "a heartbeat")
     peer.delay = 0.1
     mark = peer.mark()
-    for n in range(30):
+    for n in range(count):
         ioc.put(f"o{n}", n + 1)
-    until_equal(lambda: [peer.holding[100 + 2 * n] for n in range(30)], list(range(1, 31)))
-    requests = [r for r in peer.requests[mark:] if r.start != 300]
+    until_equal(lambda: [peer.holding[100 + 2 * n] for n in range(count)], list(range(1, count + 1)))
+    return peer.requests[mark:]
+
+
+def test_reads_between_puts(new_modbus, new_ioc):
+    """thirty puts to a PLC that takes 0.1 s for each: it is read between them, and its heartbeat goes on"""
+    all_of_them = puts_to_a_slow_plc(new_modbus, new_ioc, 30, "holding 0 10 every 100", "holding 100 60", 500)
+    requests = [r for r in all_of_them if r.start != 300]
     puts = [i for i, r in enumerate(requests) if r.writes]
     assert len(puts) == 30
     in_a_row = longest = 0
@@ -1069,29 +1073,15 @@ def test_reads_between_puts(new_modbus, new_ioc):
         in_a_row = in_a_row + 1 if request.writes else 0
         longest = max(longest, in_a_row)
     assert longest <= 5, longest
-    beats = [r for r in peer.requests[mark:] if r.start == 300]
-    assert len(beats) >= 3
+    assert len(all_of_them) - len(requests) >= 3  # heartbeats
 
 
 def test_inputs_of_a_slow_device(new_modbus, new_ioc):
     """a slow device, with puts, a heartbeat and outputs in three requests (track=on): between two reads of the inputs are one lot of puts and one other request"""
-    peer = new_modbus()
-    db = "".join(f'record(longout, "$(P)o{n}") {{ field(DTYP, "S7plc") field(OUT, "@PLC/{4 * n} T=INT16") }}\n'
-                 for n in range(20))
-    ioc = new_ioc(peer.configure("holding 0 10 every 50", "holding 100 40, holding 200 10, coils 0 16") + """
-        s7plcSetOption PLC complete sent
-        s7plcSetOption PLC track on
-        s7plcSetOption PLC heartbeatRegister 300
-        s7plcSetOption PLC heartbeat 250""", PROBE + db)
-    ioc.wait_alarm("in", "NO_ALARM")
-    until(lambda: 300 in peer.written(), "a heartbeat")
-    peer.delay = 0.1
-    mark = peer.mark()
-    for n in range(20):
-        ioc.put(f"o{n}", n + 1)
-    until_equal(lambda: [peer.holding[100 + 2 * n] for n in range(20)], list(range(1, 21)))
+    requests = puts_to_a_slow_plc(new_modbus, new_ioc, 20, "holding 0 10 every 50",
+                                  "holding 100 40, holding 200 10, coils 0 16", 250, "track on")
     kinds = "".join("H" if r.start == 300 else "p" if r.writes else "i" if r.key == (3, 0, 10) else "o"
-                    for r in peer.requests[mark:])
+                    for r in requests)
     between = kinds[kinds.index("p"):kinds.rindex("p")].split("i")[1:-1]
     assert len(between) >= 15, kinds
     assert not [b for b in between if b.count("p") > 1 or len(b) > 2], kinds
