@@ -1,13 +1,11 @@
 """The TAB key in the IOC's shell, on a terminal."""
 import os
-import pty
-import re
 import subprocess
 
 import pytest
 
 from client import ARCH, TOP, epics_base
-from waiting import until
+from terminal import Terminal
 
 
 def has_completion():
@@ -26,27 +24,10 @@ def test_tab(tmp_path):
         f'dbLoadDatabase("{TOP}/dbd/s7plcIoc.dbd")\ns7plcIoc_registerRecordDeviceDriver(pdbbase)\n'
         's7plcConfigure("PRESSURE", "", 0, 4, 4, 1, 2000, 100)\ns7plcConfigure("FLOW", "", 0, 4, 4, 1, 2000, 100)\n'
         "iocInit\n")
-    ours, theirs = pty.openpty()
-    ioc = subprocess.Popen([TOP / "bin" / ARCH / "s7plcIoc", tmp_path / "st.cmd"], stdin=theirs, stdout=theirs,
-                           stderr=theirs, env={**os.environ, "TERM": "dumb"})
-    os.close(theirs)
-    os.set_blocking(ours, False)
-    seen = []
-
-    def shows(text):
-        try:
-            seen.append(os.read(ours, 65536).decode(errors="replace"))
-        except BlockingIOError:
-            pass
-        return re.search(text, "".join(seen))
-
-    try:
-        until(lambda: shows("All initialization complete"), lambda: "".join(seen))
-        until(lambda: shows("epics> $"), lambda: "".join(seen))
-        os.write(ours, b"s7plcReport PRE\t")
-        until(lambda: shows("s7plcReport PRESSURE"), lambda: "".join(seen))
-        os.write(ours, b"\nexit\n")
-        assert ioc.wait(60) == 0
-    finally:
-        ioc.kill()
-        os.close(ours)
+    with Terminal([TOP / "bin" / ARCH / "s7plcIoc", tmp_path / "st.cmd"], {**os.environ, "TERM": "dumb"}) as ioc:
+        ioc.wait("All initialization complete")
+        ioc.wait("epics> $")
+        ioc.type("s7plcReport PRE\t")
+        ioc.wait("s7plcReport PRESSURE")
+        ioc.type("\nexit\n")
+        assert ioc.status() == 0

@@ -1,8 +1,5 @@
 """make demo, and the tutorial IOC of iocBoot/iocS7plc: each record and its read-back."""
 import os
-import pty
-import re
-import signal
 import subprocess
 
 import pytest
@@ -11,6 +8,7 @@ from client import TOP
 from demos import run_demo
 from ioc import Ioc
 from sim import Sim
+from terminal import Terminal
 from waiting import until
 
 EXAMPLE = TOP / "iocBoot/iocS7plc"
@@ -98,28 +96,10 @@ def test_no_error(example):
 def test_demo_in_a_terminal():
     """make demo in a terminal ends in the shell of its IOC, which exit leaves"""
     env = {k: v for k, v in os.environ.items() if not k.startswith("EPICS_C")}
-    ours, theirs = pty.openpty()
-    demo = subprocess.Popen([EXAMPLE / "demo"], stdin=theirs, stdout=theirs, stderr=theirs, env=env, start_new_session=True)
-    os.close(theirs)
-    os.set_blocking(ours, False)
-    seen = []
-
-    def shows(text):
-        try:
-            seen.append(os.read(ours, 65536).decode(errors="replace"))
-        except (BlockingIOError, OSError):
-            pass  # nothing yet, or the other end is closed
-        return re.search(text, "".join(seen))
-
-    try:
-        until(lambda: shows("Try here, in the IOC shell"), lambda: "".join(seen), 120)
-        os.write(ours, b"echo still-$(P)-here\n")
-        until(lambda: shows("still-s7:-here"), lambda: "".join(seen))
-        assert demo.poll() is None
-        os.write(ours, b"exit\n")
-        until(lambda: demo.poll() is not None or shows("$^"), lambda: "".join(seen))
-        assert demo.returncode == 0, "".join(seen)
-    finally:
-        if demo.poll() is None:
-            os.killpg(demo.pid, signal.SIGTERM)
-        os.close(ours)
+    with Terminal([EXAMPLE / "demo"], env) as demo:
+        demo.wait("Try here, in the IOC shell", 120)
+        demo.type("echo still-$(P)-here\n")
+        demo.wait("still-s7:-here")
+        assert demo.program.poll() is None
+        demo.type("exit\n")
+        assert demo.status() == 0, demo.seen
