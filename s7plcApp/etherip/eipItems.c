@@ -23,7 +23,7 @@ static int hasPut(const eipWorker *w, const eipWant *want)
     return 0;
 }
 
-void eipItemsSettle(eipWorker *w, const eipWant *want, const char *reason)
+int eipItemsSettle(eipWorker *w, const eipWant *want, const char *reason)
 {
     epicsUInt8 *mask = w->leaving + want->place;
     int changed;
@@ -50,10 +50,11 @@ void eipItemsSettle(eipWorker *w, const eipWant *want, const char *reason)
     w->refused |= reason != NULL;
     memset(mask, 0, want->room);
     if (!eipWorkerEnter(w))
-        return;
+        return 0;
     w->news.outFaults |= changed || reason || want->shared; /* another put, or others follow */
     w->hasNews = 1;
     epicsMutexUnlock(w->lock);
+    return changed;
 }
 
 static eipItem *addItem(eipBatch *b, eipItemKind kind, unsigned tag, unsigned want,

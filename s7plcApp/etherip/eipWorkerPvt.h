@@ -285,8 +285,9 @@ typedef struct eipBatch {
 void eipItemsAdd(eipWorker *w, eipBatch *b, unsigned want);
 void eipBatchFree(eipBatch *b);
 
-/* The put of a wish is through: written, or refused for a reason. */
-void eipItemsSettle(eipWorker *w, const eipWant *want, const char *reason);
+/* The put of a wish is through: written, or refused for a reason. Returns 1 when that is another end
+ * than that of the put before. */
+int eipItemsSettle(eipWorker *w, const eipWant *want, const char *reason);
 
 /* --- eipWrites.c -------------------------------------------------------------------------- */
 

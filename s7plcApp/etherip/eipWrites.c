@@ -67,16 +67,19 @@ static eipLoad loadOf(const eipWorker *w, const eipItem *it)
         eipAnswerHead + 4};
 }
 
-static void settleItem(eipWorker *w, const eipItem *it, const char *reason)
+/* Returns 1 when one of its puts has another end than the put before. */
+static int settleItem(eipWorker *w, const eipItem *it, const char *reason)
 {
+    int changed = 0;
     unsigned i;
 
     for (i = it->want; i < it->want + it->wants; i++)
-        eipItemsSettle(w, &w->tags.wants[i], reason);
+        changed |= eipItemsSettle(w, &w->tags.wants[i], reason);
     if (!reason && eipWorkerEnter(w)) {
         w->news.writes++;
         epicsMutexUnlock(w->lock);
     }
+    return changed;
 }
 
 /* A PLC that knows no read-modify-write: the element is read, and written with its new bits. */
@@ -220,9 +223,8 @@ static void takeItem(eipWorker *w, unsigned i, const eipAnswer *answer, void *ar
     eipWorkerReason(answer, reason);
     if (it->index && (answer->status == eipPathSegment || answer->status == eipPathUnknown))
         epicsSnprintf(reason, sizeof(reason), "PLC: no such element (%02X)", answer->status);
-    if (answer->status)
+    if (settleItem(w, it, answer->status ? reason : NULL) && answer->status)
         eipWorkerNote(w, "write of %.50s: %s", w->tags.tags[it->tag].base, reason);
-    settleItem(w, it, answer->status ? reason : NULL);
 }
 
 /* A message with these has no answer: they may be in the PLC, or not. */

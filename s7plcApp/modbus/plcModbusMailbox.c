@@ -51,6 +51,15 @@ const char *plcWorkerWhere(const plcRequest *q, char text[40])
     return text;
 }
 
+/* " of unit 5" where there are several, else "" */
+const char *plcWorkerUnit(const plcModbus *m, unsigned unit, char text[20])
+{
+    text[0] = 0;
+    if (m->units > 1)
+        epicsSnprintf(text, 20, " of unit %u", unit);
+    return text;
+}
+
 /* "PLC: exception 2, illegal data address" */
 void plcWorkerReason(const plcModbus *m, int code, char reason[PLC_REASON_SIZE])
 {

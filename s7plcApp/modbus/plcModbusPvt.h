@@ -154,6 +154,7 @@ void plcWorkerNote(plcModbus *m, const char *format, ...) EPICS_PRINTF_STYLE(2, 
 
 /* "holding 100" or "coils 0 to 9" */
 const char *plcWorkerWhere(const plcRequest *q, char text[40]);
+const char *plcWorkerUnit(const plcModbus *m, unsigned unit, char text[20]);
 
 /* "PLC: exception 2, illegal data address" */
 void plcWorkerReason(const plcModbus *m, int code, char reason[PLC_REASON_SIZE]);

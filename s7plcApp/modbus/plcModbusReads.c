@@ -35,7 +35,7 @@ static void tellHoles(plcModbus *m, plcHoles *holes, int good)
 {
     while (holes->count) {
         plcHole first = holes->hole[0];
-        char text[40], reason[PLC_REASON_SIZE], others[180] = "";
+        char text[40], unit[20], reason[PLC_REASON_SIZE], others[180] = "";
         unsigned i, left = 0, more = 0;
         size_t used = 0;
 
@@ -60,7 +60,8 @@ static void tellHoles(plcModbus *m, plcHoles *holes, int good)
             strcpy(others + used, ")");
         plcWorkerReason(m, first.code, reason);
         plcWorkerWhere(&(plcRequest){0, first.table, first.start, first.count, 0, first.unit}, text);
-        plcWorkerNote(m, "read of %s: %s%s", text, good ? "good again" : reason, others);
+        plcWorkerNote(m, "read of %s%s: %s%s", text, plcWorkerUnit(m, first.unit, unit),
+                      good ? "good again" : reason, others);
         m->hasNews = 1;
     }
 }

@@ -48,7 +48,7 @@ static void settle(plcModbus *m, const plcRequest *q, writeEnd end, const char *
 {
     unsigned i, n = plcWorkerOutPieces(m, q);
     int changed = 0, news = 0;
-    char text[40];
+    char text[40], unit[20];
 
     if (!plcWorkerEnter(m))
         return;
@@ -71,9 +71,11 @@ static void settle(plcModbus *m, const plcRequest *q, writeEnd end, const char *
     if (end == writeUnanswered)
         plcImagePutsGiveUp(m->setup.out, m->givenUp);
     if (news)
-        plcWorkerNote(m, "write of %s: %s; not tried again", plcWorkerWhere(q, text), reason);
+        plcWorkerNote(m, "write of %s%s: %s; not tried again", plcWorkerWhere(q, text),
+                      plcWorkerUnit(m, q->unit, unit), reason);
     else if (changed && end == writeRefused)
-        plcWorkerNote(m, "write of %s: %s", plcWorkerWhere(q, text), reason);
+        plcWorkerNote(m, "write of %s%s: %s", plcWorkerWhere(q, text),
+                      plcWorkerUnit(m, q->unit, unit), reason);
     m->news.writes += end == writeTaken;
     m->news.outFaults |= changed || end != writeTaken; /* it may be another put */
     plcWorkerTell(m);

@@ -363,3 +363,12 @@ def test_relative_program():
     run = subprocess.run([f"bin/{ARCH}/eipIoc", "-p", "P=127.0.0.1:1,-1"], cwd=TOP, input="drvEtherIP_report 0\nexit\n",
                          capture_output=True, text=True, timeout=60)
     assert run.returncode == 0 and "  P 127.0.0.1:1: " in run.stdout, run
+
+
+@pytest.mark.parametrize("option", ["alive 4", "timestamp 4,DT", "readback 4", "layoutAt 0"])
+def test_options_with_offsets(plant, option):
+    """{option}: options that name a place of a block are refused, since a PLC with tags has none"""
+    plant.tags("tag A DINT = 5")
+    plant.records(rec("longin", "a", "A S 0.05"), configure=f"s7plcSetOption P {option}")
+    plant.ioc.wait_log(f"option {option.split()[0]}: a PLC by EtherNet/IP has tags, no offsets")
+    plant.ioc.wait_alarm("a", "NO_ALARM")

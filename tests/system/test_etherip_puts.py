@@ -209,6 +209,7 @@ def test_force_refused(plant, way):
     until(lambda: asked(plant, "A").count("w") >= 6, "rewrites")
     assert "ww" not in asked(plant, "A") and asked(plant, "A").count("w") < 20
     assert ioc.alarm("a") == ("INVALID", "WRITE", reason) and set(seen) == {(7, 3)}
+    assert ioc.log_count("write of A: ") == 1, ioc.log
     if way == "key switch":
         plant.sim.command("etherip key remote")
         plant.wait_tag("A", "7")

@@ -207,6 +207,7 @@ def test_late_answers(new_modbus, new_ioc):
     assert plc.connections == 1
     lines = errors_in(ioc.log)
     assert lines and all("no answer from this unit" in line or "good again" in line for line in lines), lines
+    assert all(" of unit " in line for line in lines), lines
 
 
 def test_late_answer_of_the_only_unit(new_modbus, new_ioc):

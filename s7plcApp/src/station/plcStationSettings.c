@@ -169,6 +169,12 @@ static int optionsFit(plcStation *s, const plcOptions *o, char *error, size_t si
     };
     size_t i;
 
+    for (i = 0; plcStationByName(s) && i < sizeof(places) / sizeof(places[0]); i++)
+        if (places[i].offset >= 0) {
+            epicsSnprintf(error, size, "option %s: a PLC by %s has tags, no offsets", places[i].key,
+                          plcStationByName(s));
+            return -1;
+        }
     if (o->sync && o->layoutAt >= 0) {
         epicsSnprintf(error, size, "option layoutAt: with sync=on the layout id is in the "
                       "header of the blocks");
