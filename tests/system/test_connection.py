@@ -1,9 +1,12 @@
 """Connect, loss and return of the PLC, alarms, and the records of the connection itself."""
+import os
 import struct
+import subprocess
 from pathlib import Path
 
 import pytest
 
+from client import ARCH, epics_base
 from peer import Peer
 from waiting import until
 
@@ -288,3 +291,33 @@ def test_nothing_comes_late(wire, new_ioc):
     peer.wait_connected(count + 2)
     peer.reading.set()
     until(lambda: any(c.ended == "reset" for c in peer.connections), "the end of a connection")
+
+
+def test_link_changes_while_away(pair):
+    """the alarm of what was put while the PLC was away ends with a change of the link"""
+    peer, ioc = pair
+    peer.power_off()
+    ioc.wait_log("disconnected")
+    ioc.put("out", 7)
+    ioc.wait_alarm("out", "INVALID", "COMM")
+    ioc.put("out.OUT", "@PLC/2 T=INT16")
+    ioc.wait_alarm("out", "NO_ALARM")
+    ioc.put("out", 8)
+    ioc.wait_alarm("out", "INVALID", "COMM")
+    peer.power_on()
+    ioc.wait_alarm("out", "NO_ALARM")
+    assert peer.wait_block(b"\0\0\0\x08")
+
+
+def test_caput_while_away(pair):
+    """caput of an output while the PLC is away says that the write failed; the value is kept, and leaves when it is back"""
+    peer, ioc = pair
+    peer.power_off()
+    ioc.wait_log("disconnected")
+    done = subprocess.run([epics_base() / "bin" / ARCH / "caput", ioc.P + "out", "7"], capture_output=True, text=True,
+                          env=ioc.env)
+    assert "Channel write request failed" in done.stdout + done.stderr, done
+    ioc.wait_alarm("out", "INVALID", "COMM")
+    peer.power_on()
+    ioc.wait_alarm("out", "NO_ALARM")
+    assert peer.wait_block(b"\0\0\0\x07")

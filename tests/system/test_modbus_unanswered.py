@@ -304,3 +304,33 @@ def test_turn_after_reconnect(new_modbus, new_ioc):
     for name in names:
         ioc.wait_alarm(name, "NO_ALARM")
     assert [plc.holding[BASE + int(name[1:])] for name in names] == [7] * 5
+
+
+@pytest.mark.parametrize("complete", ["acknowledged", "sent"])
+def test_link_changes_while_away(new_modbus, new_ioc, complete):
+    """what was put while the device was away does not leave for the old place of a link that has changed, and has its alarm until the next put (complete={complete})"""
+    d = Device(new_modbus, new_ioc, f"complete {complete}", "readPeriod 0")
+    plc, ioc = d.plc, d.ioc
+    plc.power_off()
+    ioc.wait_log("disconnected")
+    ioc.put("o1", 7)
+    ioc.wait_alarm("o1", "INVALID", "COMM")
+    ioc.put("o1.OUT", "@PLC/20 T=UINT16")
+    ioc.wait_alarm("o1", "INVALID", "WRITE", "link changed: value not written")
+    ioc.put("o2", 8)
+    plc.power_on()
+    ioc.wait_alarm("o2", "NO_ALARM")
+    assert plc.holding[BASE + 1] == 0 and plc.holding[BASE + 10] == 0 and plc.holding[BASE + 2] == 8
+    assert ioc.alarm("o1") == ("INVALID", "WRITE", ioc.message("o1")) and "the old place was not written" in ioc.log
+    d.good("o1", 9, 10)
+
+
+def test_link_ends_refusal(new_modbus, new_ioc):
+    """the alarm of a refused put ends when the link changes"""
+    d = Device(new_modbus, new_ioc, "readPeriod 0")
+    d.plc.judge, d.plc.mangle = (lambda request: 2 if d.meets(request) else 0), None
+    d.ioc.put("o5", 7)
+    d.ioc.wait_alarm("o5", "INVALID", "WRITE", "exception 2")
+    d.ioc.put("o5.OUT", "@PLC/20 T=UINT16")
+    d.ioc.wait_alarm("o5", "NO_ALARM")
+    d.good("o5", 9, 10)

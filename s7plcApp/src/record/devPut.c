@@ -90,6 +90,15 @@ static void cancel(dbCommon *prec, devRecord *dev)
             fate == plcPutNever ? "was not written" : "may have been written");
 }
 
+const char *devPutWithdraw(dbCommon *prec, devRecord *dev)
+{
+    if (!plcStationAcknowledges(dev->station) || !plcImageWaits(dev->image, &dev->last))
+        return NULL;
+    dev->mark.number = dev->last.number;
+    cancel(prec, dev);
+    return dev->ends;
+}
+
 void devPutAbandon(devRecord *dev)
 {
     dbCommon *prec = dev->prec;

@@ -364,9 +364,14 @@ static long addRecord(dbCommon *prec)
     return 0;
 }
 
+/* The alarm of a put ends with the link; but what waits for the old place does not get there. */
 static long delRecord(dbCommon *prec)
 {
-    release(prec->dpvt);
+    devRecord *dev = prec->dpvt;
+
+    if (running && dev && dev->last.bytes && !prec->pact && !plcStationStops(dev->station))
+        devAwayLeave(prec, dev, devPutWithdraw(prec, dev));
+    release(dev);
     prec->dpvt = NULL;
     return 0;
 }

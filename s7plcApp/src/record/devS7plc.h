@@ -227,6 +227,10 @@ int devPutLeave(devRecord *dev);
 /* The record leaves us while it may wait: its put ends. */
 void devPutAbandon(devRecord *dev);
 
+/* The same of a record that is not active: what waits for its old place does not get there any more.
+ * Returns the words for its alarm; NULL: nothing waits, or over this wire it cannot be taken back. */
+const char *devPutWithdraw(dbCommon *prec, devRecord *dev);
+
 /* The PLC has answered, or is gone: records whose put is through process to their end. In a
  * callback thread. */
 void devPutUpdate(plcStation *station);
@@ -234,6 +238,10 @@ void devPutUpdate(plcStation *station);
 /* The value of an output is kept, but the PLC is away: raises COMM_ALARM, which ends when
  * the PLC is back. Returns -1; or 0 when the PLC has just come. */
 long devAway(dbCommon *prec, devRecord *dev);
+
+/* The record leaves its place, and is not active: its alarm for its put there ends, or is WRITE_ALARM
+ * with these words. */
+void devAwayLeave(dbCommon *prec, devRecord *dev, const char *why);
 
 /* The last put is not in the PLC: raises WRITE_ALARM, which ends with the next put, or when the PLC
  * shows what was put. Returns -1; or 0 when it is, or waits. */

@@ -114,6 +114,12 @@ static void settle(dbCommon *prec, devRecord *dev, epicsEnum16 alarm, const char
         db_post_events(prec, NULL, DBE_ALARM);
 }
 
+void devAwayLeave(dbCommon *prec, devRecord *dev, const char *why)
+{
+    if (why || dev->raised)
+        settle(prec, dev, why ? WRITE_ALARM : 0, why);
+}
+
 /* The alarm that it is to have now for its last put, or for want of a value to show; 0: none. */
 static epicsEnum16 alarmOf(devRecord *dev, char reason[PLC_REASON_SIZE])
 {
