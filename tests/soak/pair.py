@@ -33,6 +33,7 @@ class Pair(World):
         self.leads = 0
         self.judge_gaps = False
         self.blind_until = 0.0
+        self.unjudged = 0  # faults in force in which records may go INVALID
 
     def new_sim(self):
         return PairSim(self.directory, self.PLC_TEXT)
@@ -124,10 +125,13 @@ class Pair(World):
             raise judge.Wrong("wrong", f"records went INVALID, and blocks came all the time (gap {longest:.2f} s)")
 
     def _unjudged(self, fault):
-        """In this one, and a while after, records may go INVALID."""
+        """In this one, and a while after, records may go INVALID; others may overlap with it."""
+        self.unjudged += 1
         self.blind_until = float("inf")
         yield from fault
-        self.blind_until = time.monotonic() + self.TIMEOUT
+        self.unjudged -= 1
+        if not self.unjudged:
+            self.blind_until = time.monotonic() + self.TIMEOUT
 
     def fault_stop(self, dice, seconds):
         yield from self._unjudged(super().fault_stop(dice, seconds))

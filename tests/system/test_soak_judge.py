@@ -10,6 +10,7 @@ from epics.ca import ChannelAccessException
 from soak import judge, plan, report, wire
 from soak.blocks import Edges, Frames
 from soak.etherip import EtherIp
+from soak.pair import Pair
 from soak.sync import Sync
 from soak.world import World
 
@@ -416,3 +417,15 @@ def test_late_answer(monkeypatch, answers, since):
     value, _, _, begin, end = World.ask(world, "n")
     monkeypatch.undo()
     assert value == 7 and end > asked[-1] and asked[since] - begin == 1
+
+
+def test_faults_overlap():
+    """with several faults by which records of a pair may go INVALID, that is judged again when the last has ended"""
+    world = types.SimpleNamespace(unjudged=0, blind_until=0.0, TIMEOUT=2.0)
+    long, short = (Pair._unjudged(world, iter([None])) for _ in "12")
+    next(long), next(short)
+    assert world.blind_until == float("inf")
+    next(short, None)
+    assert world.blind_until == float("inf")
+    next(long, None)
+    assert time.monotonic() < world.blind_until <= time.monotonic() + world.TIMEOUT
