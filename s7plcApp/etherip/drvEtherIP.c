@@ -331,15 +331,15 @@ static const iocshArg routeArg = {"slot or route [0]", iocshArgString};
 static const iocshArg optionsArg = {"options", iocshArgString};
 static const iocshArg secondsArg = {"seconds", iocshArgString};
 static const iocshArg msArg = {"ms", iocshArgString};
-static const iocshArg waitArg = {"ms", iocshArgInt};
+static const iocshArg waitArg = {"ms", iocshArgString};
 static const iocshArg bytesArg = {"bytes", iocshArgString};
 static const iocshArg verbosityArg = {"level", iocshArgString};
-static const iocshArg levelArg = {"level", iocshArgInt};
+static const iocshArg levelArg = {"level [0]", iocshArgString};
 static const iocshArg patternArg = {"pattern", iocshArgString};
 static const iocshArg typeArg = {"type", iocshArgString};
-static const iocshArg numberArg = {"slot", iocshArgInt};
+static const iocshArg numberArg = {"slot", iocshArgString};
 static const iocshArg tagArg = {"tag", iocshArgString};
-static const iocshArg elementsArg = {"elements", iocshArgInt};
+static const iocshArg elementsArg = {"elements [1]", iocshArgString};
 
 static const iocshArg *const defineArgs[] = {&newArg, &ipArg, &slotArg};
 static const iocshArg *const configureArgs[] = {&newArg, &ipArg, &routeArg, &optionsArg};
@@ -382,6 +382,19 @@ static int setting(const char *command, const iocshArgBuf *arg, double low, doub
     return -1;
 }
 
+/* The same, of whole numbers: a fraction would be cut without a word. */
+static int wholeSetting(const char *command, const iocshArgBuf *arg, int low, int high,
+                        const char *unit, int *value)
+{
+    if (arg->sval && epicsParseInt32(arg->sval, value, 0, NULL) == 0 && *value >= low &&
+        *value <= high)
+        return 0;
+    errlogSevPrintf(errlogMajor, "%s \"%.40s\"; allowed: %d to %d%s, a whole number\n", command,
+                    arg->sval ? arg->sval : "", low, high, unit);
+    iocshSetError(-1);
+    return -1;
+}
+
 /* Records that are there have theirs. */
 static void rateCall(const iocshArgBuf *args)
 {
@@ -397,10 +410,10 @@ static void rateCall(const iocshArgBuf *args)
 
 static void verbosityCall(const iocshArgBuf *args)
 {
-    double level;
+    int level;
 
-    if (setting("EIP_verbosity", args, 0, 10, "", &level) == 0)
-        EIP_verbosity = (int)level;
+    if (wholeSetting("EIP_verbosity", args, 0, 10, "", &level) == 0)
+        EIP_verbosity = level;
 }
 
 static void timeoutCall(const iocshArgBuf *args)
@@ -422,9 +435,9 @@ static void setRoom(eipPlc *plc, void *arg)
 
 static void limitCall(const iocshArgBuf *args)
 {
-    double bytes;
+    int bytes;
 
-    if (setting("EIP_buffer_limit", args, roomMin, roomMax, " bytes", &bytes))
+    if (wholeSetting("EIP_buffer_limit", args, roomMin, roomMax, " bytes", &bytes))
         return;
     EIP_buffer_limit = (unsigned)bytes;
     eipPlcEach(setRoom, NULL);
@@ -432,15 +445,18 @@ static void limitCall(const iocshArgBuf *args)
 
 static void imageCall(const iocshArgBuf *args)
 {
-    double bytes;
+    int bytes;
 
-    if (setting("drvEtherIP_image_size", args, 64, imageSizeMax, " bytes", &bytes) == 0)
+    if (wholeSetting("drvEtherIP_image_size", args, 64, imageSizeMax, " bytes", &bytes) == 0)
         EIP_image_size = (unsigned)bytes;
 }
 
 static void reportCall(const iocshArgBuf *args)
 {
-    drvEtherIP_report(args[0].ival);
+    int level = 0;
+
+    if (!args[0].sval || wholeSetting("drvEtherIP_report", args, 0, 99, "", &level) == 0)
+        drvEtherIP_report(level);
 }
 
 static void dumpCall(const iocshArgBuf *args)
@@ -492,8 +508,15 @@ static void helpCall(const iocshArgBuf *args)
 
 static void readCall(const iocshArgBuf *args)
 {
-    iocshSetError(drvEtherIP_read_tag(args[0].sval, args[1].ival, args[2].sval, args[3].ival,
-                                      args[4].ival));
+    static const char command[] = "drvEtherIP_read_tag";
+    int slot = 0, elements = 1, timeout = 0;
+
+    if ((args[1].sval && wholeSetting(command, args + 1, -1, 255, " (slot)", &slot)) ||
+        (args[3].sval && wholeSetting(command, args + 3, 0, 65535, " elements (0: one)", &elements)) ||
+        (args[4].sval &&
+         wholeSetting(command, args + 4, 0, timeoutMax, " ms (0: EIP_timeout)", &timeout)))
+        return;
+    iocshSetError(drvEtherIP_read_tag(args[0].sval, slot, args[2].sval, elements, timeout));
 }
 
 #ifdef IOCSHFUNCDEF_HAS_USAGE

@@ -2,6 +2,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include <epicsStdio.h>
 #include <errlog.h>
 
 #include "eipClient.h"
@@ -53,11 +54,29 @@ static void askEach(eipPlc *plc, void *arg)
     q->status |= askPlc(plc, q);
 }
 
+typedef struct names {
+    char text[300];
+    size_t used;
+} names;
+
+static void addName(eipPlc *plc, void *arg)
+{
+    names *n = arg;
+
+    n->used += (size_t)epicsSnprintf(n->text + n->used, sizeof(n->text) - n->used, " %.60s", plc->name);
+    if (n->used >= sizeof(n->text))
+        n->used = sizeof(n->text) - 1;
+}
+
 static int ask(const char *command, question *q)
 {
+    names there = {" none", 0};
+
     eipPlcEach(askEach, q);
-    if (q->plc && *q->plc && !q->asked) {
-        errlogSevPrintf(errlogMajor, "%s: no PLC \"%.60s\"\n", command, q->plc);
+    if (!q->asked) {
+        eipPlcEach(addName, &there);
+        errlogSevPrintf(errlogMajor, "%s: no PLC \"%.60s\" by EtherNet/IP; configured:%s\n", command,
+                        q->plc ? q->plc : "", there.text);
         return -1;
     }
     return q->status;

@@ -5,10 +5,10 @@
 
 /* clang-format off */
 static const plcOptionRow rows[] = {
-    {.key = "maxRegisters", .kind = plcOptNumber, .field = AT(maxRegisters), .min = 1,
+    {.key = "maxRegisters", .kind = plcOptWhole, .field = AT(maxRegisters), .min = 1,
      .max = 125, .unit = "registers", .initial = 125,
      .help = "Modbus: a request holds at most so many registers (a write 123)"},
-    {.key = "maxBits", .kind = plcOptNumber, .field = AT(maxBits), .min = 1, .max = 2000,
+    {.key = "maxBits", .kind = plcOptWhole, .field = AT(maxBits), .min = 1, .max = 2000,
      .unit = "bits", .initial = 2000,
      .help = "Modbus: a request holds at most so many coils or discrete inputs (a write 1968)"},
     {.key = "requestPause", .kind = plcOptPeriod, .field = AT(requestPause), .min = 1,

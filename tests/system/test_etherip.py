@@ -838,11 +838,20 @@ def test_settings(plant):
                         ("drvEtherIP_default_rate nan", "allowed: 0 to 86400 s (0: none)"),
                         ("drvEtherIP_default_rate -1", "allowed: 0 to 86400 s (0: none)"),
                         ("drvEtherIP_default_rate 2", "those of iocInit keep theirs"),
-                        ("drvEtherIP_image_size 3", "allowed: 64 to 16777216 bytes")]:
+                        ("drvEtherIP_image_size 3", "allowed: 64 to 16777216 bytes"),
+                        ("drvEtherIP_image_size 64.5", "bytes, a whole number"),
+                        ("EIP_buffer_limit 1e2", "bytes, a whole number"),
+                        ("EIP_verbosity 1.5", "a whole number"),
+                        ("drvEtherIP_report 4294967297", 'report "4294967297"; allowed'),
+                        ("drvEtherIP_read_tag 127.0.0.1 4294967296 A", "allowed: -1 to 255 (slot)"),
+                        ("drvEtherIP_read_tag 127.0.0.1 0 A 4294967297", "allowed: 0 to 65535 elements"),
+                        ("drvEtherIP_read_tag 127.0.0.1 0 A 1 1e3", "allowed: 0 to 60000 ms")]:
         before = len(plant.ioc.lines)
         plant.ioc.command(line)
         said = [text for text in plant.ioc.lines[before:] if "allowed" in text or "theirs" in text]
         assert len(said) == 1 and words in said[0], (line, said)
+    assert re.search(r'list: no PLC "q" by EtherNet/IP; configured: P Q$',
+                     plant.ioc.command("drvEtherIP_list q"), re.M)
     assert "requestTimeout=1500" in plant.ioc.command("drvEtherIP_report 1")
     plant.ioc.command("EIP_timeout 700")
     assert plant.ioc.command("drvEtherIP_report 1").count("requestTimeout=700") == 2

@@ -17,7 +17,7 @@
 typedef struct ownOptions {
     double place;
     int choice;
-    double number;
+    double number, whole;
 } ownOptions;
 
 static const plcOptionRow ownRows[] = {
@@ -27,9 +27,11 @@ static const plcOptionRow ownRows[] = {
      .words = "refuse|rmw", .initial = 1, .help = "a choice"},
     {.key = "ownNumber", .kind = plcOptNumber, .field = offsetof(ownOptions, number), .min = 1,
      .max = 9, .unit = "ms", .initial = 7, .help = "a number"},
+    {.key = "ownWhole", .kind = plcOptWhole, .field = offsetof(ownOptions, whole), .min = 1,
+     .max = 9, .unit = "registers", .initial = 7, .help = "a whole number"},
 };
 
-static plcOptionTable ownTable = {.rows = ownRows, .count = 3, .size = sizeof(ownOptions)};
+static plcOptionTable ownTable = {.rows = ownRows, .count = 4, .size = sizeof(ownOptions)};
 
 static const struct {
     const char *key, *value;
@@ -82,6 +84,25 @@ static const struct {
     {"layout", "nan", NULL},
     {"layout", "-1", NULL},
     {"layout", "65536", NULL},
+    {"layout", "65535", "layout=65535"},
+    {"layout", "0xCAFE", "layout=51966"},
+    {"layout", "010", "layout=10"},
+    {"layout", "1.5", NULL},
+    {"layout", "1e2", NULL},
+    {"layout", "4294967297", NULL},
+    {"layout", "18446744073709551617", NULL},
+    {"layout", "-18446744073709551615", NULL},
+    {"layout", "", NULL},
+    {"layout", "7 8", NULL},
+    {"ownWhole", "9", "ownWhole=9"},
+    {"ownWhole", "1.5", NULL},
+    {"ownWhole", "0", NULL},
+#ifdef WITH_MODBUS
+    {"maxRegisters", "1.5", NULL},
+    {"maxRegisters", "1e2", NULL},
+    {"maxBits", "7.9", NULL},
+    {"maxBits", "2000", ""},
+#endif
     {"offlineWrites", "reject", "offlineWrites=reject"},
     {"offlineWrites", "REJECT", "offlineWrites=reject"},
     {"offlineWrites", "keep", ""},
@@ -185,6 +206,9 @@ static void testTexts(void)
     plcOptionsSet(&options, "layout", "-1", 0, error, sizeof(error));
     testOk(strcmp(error, "option layout=-1; allowed: 0 to 65535") == 0,
            "a number without a unit its range alone: %s", error);
+    plcOptionsSet(&options, "layout", "1e2", 0, error, sizeof(error));
+    testOk(strcmp(error, "option layout=1e2; allowed: 0 to 65535, a whole number") == 0,
+           "one that must be whole says so: %s", error);
     plcOptionsSet(&options, "scan", "x", 0, error, sizeof(error));
     testOk(strcmp(error, "option scan=x; allowed: all|changed") == 0,
            "a choice says its words: %s", error);
@@ -303,7 +327,7 @@ MAIN(optionsTest)
 {
     size_t i;
 
-    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 19);
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 20);
     phoenixPairInit();
 #ifdef WITH_MODBUS
     plcOptionsAdd(&plcModbusOptionTable);

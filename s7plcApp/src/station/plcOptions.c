@@ -58,7 +58,7 @@ static const plcOptionRow rows[] = {
      .help = "output records with a read-back follow when the PLC changes the value"},
     {.key = "sync", .kind = plcOptChoice, .field = AT(sync), .words = "off|on", .early = 1,
      .help = "sync handshake: no put leaves before the PLC has agreed to the values we hold"},
-    {.key = "layout", .kind = plcOptNumber, .field = AT(layout), .max = 65535, .early = 1,
+    {.key = "layout", .kind = plcOptWhole, .field = AT(layout), .max = 65535, .early = 1,
      .help = "layout id of both blocks, for the sync handshake and layoutAt; 0: not checked"},
     {.key = "map", .kind = plcOptChoice, .field = AT(map), .words = "off|check|download",
      .early = 1,
@@ -210,6 +210,7 @@ static void describe(const plcOptionRow *row, char *text, size_t size)
     switch (row->kind) {
     case plcOptNumber:
     case plcOptPeriod:
+    case plcOptWhole:
         epicsSnprintf(text, size, "%s%.10g to %.10g%s%s",
                       row->kind == plcOptPeriod ? "0, or " : "", row->min, row->max,
                       row->unit ? " " : "", row->unit ? row->unit : "");
@@ -242,6 +243,19 @@ static int setNumber(const plcOptionRow *row, void *own, const char *value)
         !(number == 0 && row->kind == plcOptPeriod))
         return -1;
     *(double *)field(own, row->field) = number == 0 ? 0 : number; /* no -0 */
+    return 0;
+}
+
+/* 1e2 is refused: it may be meant as hex. */
+static int setWhole(const plcOptionRow *row, void *own, const char *value)
+{
+    int base = value[0] == '0' && (value[1] == 'x' || value[1] == 'X') ? 16 : 10;
+    epicsUInt32 number;
+
+    if (strchr(value, '-') || epicsParseUInt32(value, &number, base, NULL) ||
+        number < row->min || number > row->max)
+        return -1;
+    *(double *)field(own, row->field) = number;
     return 0;
 }
 
@@ -296,8 +310,9 @@ int plcOptionsSet(plcOptions *o, const char *key, const char *value, int running
                   char *error, size_t size)
 {
     static int (*const set[])(const plcOptionRow *, void *, const char *) = {
-        [plcOptNumber] = setNumber, [plcOptPeriod] = setNumber, [plcOptChoice] = setChoice,
-        [plcOptOffset] = setOffset, [plcOptPlace] = setOffset,  [plcOptAlive] = setOffset};
+        [plcOptNumber] = setNumber, [plcOptPeriod] = setNumber, [plcOptWhole] = setWhole,
+        [plcOptChoice] = setChoice, [plcOptOffset] = setOffset, [plcOptPlace] = setOffset,
+        [plcOptAlive] = setOffset};
     const plcOptionTable *table;
     const plcOptionRow *row = find(key, &table);
     char allowed[200];
@@ -316,7 +331,9 @@ int plcOptionsSet(plcOptions *o, const char *key, const char *value, int running
     }
     if (set[row->kind](row, ownOf(o, table), value)) {
         describe(row, allowed, sizeof(allowed));
-        epicsSnprintf(error, size, "option %s=%s; allowed: %s", row->key, value, allowed);
+        epicsSnprintf(error, size, "option %s=%s; allowed: %s%s", row->key, value, allowed,
+                      row->kind == plcOptWhole && value[strspn(value, "+-0123456789")]
+                          ? ", a whole number" : "");
         return -1;
     }
     return 0;
@@ -337,7 +354,7 @@ static void valueText(const plcOptionTable *table, const plcOptionRow *row, cons
         return;
     }
     number = *(double *)field(own, row->field);
-    if (row->kind <= plcOptPeriod) {
+    if (row->kind <= plcOptWhole) {
         epicsSnprintf(text, size, "%.10g", number);
     } else if (number < 0) {
         epicsSnprintf(text, size, "off");

@@ -62,6 +62,7 @@ typedef struct plcOptions {
 typedef enum {
     plcOptNumber, /* a double from min to max */
     plcOptPeriod, /* the same, or 0: off. What comes back in short turns has a least length */
+    plcOptWhole,  /* a double without a fraction: digits only, or hex behind 0x */
     plcOptChoice, /* one of the words in `words`, stored as its index, an int */
     plcOptOffset, /* a double: "off" or a byte offset; "offset,word" when `words` is set */
     plcOptPlace,  /* a double: "off" or a number of `unit` */
