@@ -388,7 +388,7 @@ static void testOwed(void)
 static void testCancel(void)
 {
     plcImage *image = plcImageCreate(4);
-    plcWritten first, second;
+    plcWritten first = {.last = NULL}, second = {.last = NULL};
 
     plcImageKeepPuts(image, 1000);
     plcImageWrite(image, 0, 1, "A", NULL, &first);

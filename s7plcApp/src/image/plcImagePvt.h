@@ -1,4 +1,4 @@
-/* Inside of plcImage; only for plcImage*.c.
+/* Inside of plcImage; only for plcImage*.c and the unit test.
  *
  * Output, the reason, and which buffer of input is seen: one mutex, held for a copy of at most
  * the block and for nothing else.
