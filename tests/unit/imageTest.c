@@ -9,7 +9,7 @@
 #include <epicsUnitTest.h>
 #include <testMain.h>
 
-#include "plcImage.h"
+#include "plcImagePvt.h"
 
 static const epicsTimeStamp stampA = {1000, 5}, stampB = {2000, 7};
 
@@ -55,6 +55,27 @@ static void testInput(void)
            "a long reason is cut to 39 characters");
     plcImagePeek(image, 4, 2, got);
     testOk(memcmp(got, "ef", 2) == 0, "peek shows the last bytes all the same");
+    plcImageDestroy(image);
+}
+
+/* A reader whom blocks overtake again and again copies with the lock at last. What it copies moves the
+ * count of blocks itself here: into the count goes the first word of a block, and the stamp becomes the
+ * first word of the buffer that an even count shows. It reads block 3, then 2, 4 and 6: three were
+ * overtaken, and the fourth shows itself. */
+static void testOvertaken(void)
+{
+    static const epicsTimeStamp four = {4, 4}, six = {6, 6};
+    word block[16] = {2}, last;
+    plcImage *image = plcImageCreate(sizeof(block));
+    int i;
+
+    for (i = 1; i <= 3; i++)
+        plcImagePublish(image, block, i == 3 ? &four : &six);
+    memcpy(&last, &six, sizeof(last));
+    testOk(plcImageRead(image, 0, sizeof(last), &image->blocks,
+                        (epicsTimeStamp *)(image->words[0] + STAMP_WORDS)) == 0 &&
+               image->blocks == last,
+           "a reader who is overtaken three times has the fourth block");
     plcImageDestroy(image);
 }
 
@@ -789,11 +810,12 @@ static void testPuts(void)
 
 MAIN(imageTest)
 {
-    testPlan(17 + 7 + 13 + 10 + 10 + 3 + 8 + 11 + 4 + 1 + 9 + 3 + 1 + 4);
+    testPlan(17 + 7 + 13 + 1 + 10 + 10 + 3 + 8 + 11 + 4 + 1 + 9 + 3 + 1 + 4);
     testDiag("Input");
     testEdges();
     testEdgesSeen();
     testInput();
+    testOvertaken();
     testDiag("Output");
     testWrites();
     testDirty();
