@@ -5,8 +5,12 @@
  * SPDX-License-Identifier: BSD-3-Clause
  */
 #include <fcntl.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
 
 #include "fuzz.h"
 #include "fuzzSim.h"
@@ -51,13 +55,19 @@ static simulator *servers(void)
     return &sim;
 }
 
-static void clear(simulator *sim, simEip *eip)
+static void clearMemory(const simMemory *memory)
 {
-    const simMemory *memory = &sim->plc[0].memory;
     size_t i;
 
     for (i = 0; i < memory->count; i++)
         memset(memory->blocks[i]->bytes, 0, memory->blocks[i]->size);
+}
+
+static void clear(simulator *sim, simEip *eip)
+{
+    size_t i;
+
+    clearMemory(&sim->plc[0].memory);
     for (i = 0; i < eip->controller.tags.count; i++)
         if (eip->controller.tags.list[i]->type)
             memset(simEipTagBytes(eip->controller.tags.list[i]), 0,
@@ -250,37 +260,130 @@ int fuzzSimBlocks(const epicsUInt8 *data, size_t size)
 
 /* --- The partner ------------------------------------------------------------------------------ */
 
-int fuzzSimPartner(const epicsUInt8 *data, size_t size)
+/* The same simulator for all calls, as `servers`. */
+static simulator *half(void)
 {
     static const char file[] = "in = 16\nout = 16\nport = off\nperiod = 1 h\ndb 10 32\n"
                                "signal 0 INT16 counter\nsignal 4 REAL32 ramp 0 9 1s\n"
                                "signal 8 STRING[4] text a b 1s\n";
-    fuzzBytes b = {data, size};
-    simulator sim, other;
-    simText out, otherOut;
+    static simulator sim;
+    static simText out;
+    static int made;
 
-    fuzzCheck(fuzzSimBuild(&sim, file, &out) == 0);
-    fuzzCheck(fuzzSimBuild(&other, file, &otherOut) == 0);
-    simPairInit(&sim.pair[0], &sim.loop, &sim.plc[0], 1, 0.1, 0, "");
-    simPairInit(&other.pair[0], &other.loop, &other.plc[0], 0, 0.1, 1e9, "");
-    simFibreJoin(&sim.pair[0].fibre, &other.pair[0].fibre);
+    if (!made) {
+        fuzzCheck(fuzzSimBuild(&sim, file, &out) == 0);
+        made = 1;
+    }
+    return &sim;
+}
+
+static void quit(void *loop)
+{
+    ((simLoop *)loop)->quit = 1;
+}
+
+/* One round of the loop: what has come is read. */
+static void settle(simLoop *loop)
+{
+    simTimer now = {.armed = 0};
+
+    simTimerSet(loop, &now, 0, quit, loop);
+    simLoopRun(loop, 0);
+    simTimerStop(loop, &now);
+    loop->quit = 0;
+}
+
+/* A new link to the half that listens at `path`. */
+static int dial(simLoop *loop, const char *path)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+
+    strcpy(address.sun_path, path);
+    fuzzCheck(fd >= 0 && connect(fd, (struct sockaddr *)&address, sizeof(address)) == 0);
+    settle(loop);
+    return fd;
+}
+
+/* What the half has sent: whole messages, each of a kind that there is. */
+static void drain(int fd)
+{
+    static epicsUInt8 bytes[1 << 18];
+    ssize_t got = recv(fd, bytes, sizeof(bytes), MSG_DONTWAIT);
+    size_t at = 0, size;
+
+    fuzzCheck(got < (ssize_t)sizeof(bytes));
+    for (; got > 0 && at < (size_t)got; at += 4 + size) {
+        fuzzCheck((size_t)got - at > 4);
+        size = (size_t)simGetInt(bytes + at, 4, 1);
+        fuzzCheck(size && size <= (size_t)got - at - 4 && strchr("SBH", bytes[at + 4]));
+    }
+}
+
+/* A message, or bytes of which the fuzzer makes the length too. */
+static void tell(int fd, const epicsUInt8 *message, size_t length, int raw)
+{
+    epicsUInt8 head[4];
+
+    simPutInt(head, 4, 1, length);
+    if (!raw)
+        send(fd, head, sizeof(head), MSG_NOSIGNAL | MSG_DONTWAIT);
+    if (length)
+        send(fd, message, length, MSG_NOSIGNAL | MSG_DONTWAIT);
+}
+
+static void partnerStep(simulator *sim, unsigned how)
+{
+    simPair *pair = &sim->pair[0];
+    char error[SIM_ERROR_SIZE];
+
+    if (how & 8)
+        sim->plc[0].off = !sim->plc[0].off;
+    if (how & 1)
+        simPairPoll(pair);
+    if (how & 2)
+        simPlcMake(&sim->plc[0]);
+    if (how & 16)
+        simPairSwitch(pair, error);
+    if (how & 32)
+        simPairSplit(pair, !pair->split);
+    fuzzCheck(sim->plc[0].epoch > -1e13 && sim->plc[0].epoch < 1e13);
+}
+
+/* Messages come over a socket, as from another process; of each the first byte says what is done
+ * after it, and whether its length goes before it. */
+int fuzzSimPartner(const epicsUInt8 *data, size_t size)
+{
+    simulator *sim = half();
+    simPair *pair = &sim->pair[0];
+    simPlc *plc = &sim->plc[0];
+    fuzzBytes b = {data, size};
+    char path[40];
+    int fd;
+
+    snprintf(path, sizeof(path), "/tmp/plclink-fuzz-%ld", (long)getpid());
+    clearMemory(&plc->memory);
+    plc->block = 0;
+    plc->epoch = plc->off = 0;
+    simPairInit(pair, &sim->loop, plc, 1, 1000, 0, "");
+    fuzzCheck(simFibreOpen(&pair->fibre, path, 1) == 0);
+    fd = dial(&sim->loop, path);
     while (b.left) {
         unsigned how = fuzzTake(&b);
         size_t length;
         epicsUInt8 *message = fuzzTakeMessage(&b, &length);
 
-        if (length)
-            sim.pair[0].fibre.message(&sim.pair[0], message, length);
+        tell(fd, message, length, how & 4);
         free(message);
-        if (how & 1)
-            simPairPoll(&sim.pair[0]);
-        if (how & 2)
-            simPlcMake(&sim.plc[0]);
+        settle(&sim->loop);
+        partnerStep(sim, how);
+        drain(fd);
+        if (how & 64 || pair->fibre.fd < 0) {
+            close(fd);
+            fd = dial(&sim->loop, path);
+        }
     }
-    simPairStop(&sim.pair[0]);
-    simPairStop(&other.pair[0]);
-    sim.plc[0].changed = other.plc[0].changed = NULL;
-    fuzzSimEnd(&sim, &out);
-    fuzzSimEnd(&other, &otherOut);
+    close(fd);
+    simPairStop(pair);
     return 0;
 }
