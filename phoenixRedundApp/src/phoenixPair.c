@@ -40,7 +40,8 @@ static const plcOptionRow optionRows[] = {
      .help = "redundant pair: both PLCs are asked by ICMP echo whether they are there; 0: never"},
 };
 
-static plcOptionTable optionTable = {.rows = optionRows, .count = 1, .size = sizeof(choices)};
+static plcOptionTable optionTable = {.rows = optionRows, .count = 1, .size = sizeof(choices),
+                                     .of = "redundant pair"};
 
 struct phoenixPair {
     ELLNODE node;

@@ -33,4 +33,7 @@ static const plcOptionRow rows[] = {
 
 plcOptionTable plcModbusOptionTable = {.rows = rows,
                                        .count = sizeof(rows) / sizeof(rows[0]),
-                                       .size = sizeof(plcModbusChoices)};
+                                       .size = sizeof(plcModbusChoices),
+                                       .of = "Modbus",
+                                       .uses = "heartbeat",
+                                       .usesWith = "heartbeatRegister"};

@@ -254,6 +254,22 @@ def test_wrong_option(new_ioc, line, message):
     assert message in ioc.command(f"s7plcSetOption {line}")
 
 
+def test_no_effect(new_ioc):
+    """an option that does nothing on a PLC is said once, with for what it is, before and after iocInit"""
+    ioc = new_ioc('s7plcConfigure("PLC", "", 0, 4, 4, 1, 2000, 100)\n'
+                  "s7plcSetOption PLC requestTimeout 50\ns7plcSetOption PLC heartbeat 500\n"
+                  'modbusplcConfigure("DEV", "127.0.0.1", 1, 1, "holding 0 1", "holding 0 1")\n'
+                  "s7plcSetOption DEV heartbeat 500\n"
+                  "s7plcSetOption DEV recvTimeout 500", "")
+    only = "has no effect on this PLC: only for"
+    ioc.wait_log(f"s7plc PLC: option requestTimeout=50 {only} PLCs that are asked by requests")
+    ioc.wait_log(f"s7plc DEV: option recvTimeout=500 {only} PLCs that send blocks")
+    ioc.wait_log("s7plc DEV: option heartbeat=500 has no effect on this PLC: it needs option heartbeatRegister")
+    ioc.command("s7plcSetOption PLC maxRegisters 7")
+    ioc.wait_log(f"s7plc PLC: option maxRegisters=7 {only}: Modbus")
+    assert ioc.log_count("has no effect") == 4
+
+
 def test_change_while_running(new_peer, new_ioc):
     """options change while the IOC runs"""
     peer = new_peer(0, 4)

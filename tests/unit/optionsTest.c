@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <epicsString.h>
 #include <epicsUnitTest.h>
 #include <testMain.h>
 
@@ -31,7 +32,49 @@ static const plcOptionRow ownRows[] = {
      .max = 9, .unit = "registers", .initial = 7, .help = "a whole number"},
 };
 
-static plcOptionTable ownTable = {.rows = ownRows, .count = 4, .size = sizeof(ownOptions)};
+static plcOptionTable ownTable = {.rows = ownRows, .count = 4, .size = sizeof(ownOptions),
+                                  .of = "own", .uses = "heartbeat", .usesWith = "ownPlace"};
+
+#define BLOCKS (plcOptInBlocks | plcOptOutBlocks | plcOptOffsets)
+#define REGISTERS (plcOptRequests | plcOptAcks | plcOptOffsets)
+#define TAGS (plcOptRequests | plcOptAcks)
+
+/* Options that have no effect: on which PLC, and what is said of it. */
+static const struct {
+    const char *set; /* key=value ... */
+    unsigned wire;
+    const char *name; /* of its transport */
+    const char *line; /* NULL: nothing is said */
+} idle[] = {
+    {"recvTimeout=500", BLOCKS, "", NULL},
+    {"recvTimeout=500", REGISTERS, "own", "recvTimeout=500 has no effect on this PLC: only for PLCs that send blocks"},
+    {"recvTimeout=500", TAGS, "tags", "recvTimeout=500 has no effect on this PLC: only for PLCs that send blocks"},
+    {"sendInterval=50 holdoff=3 offlineWrites=reject minUpdate=50 scan=changed track=on log=io", TAGS, "tags", NULL},
+    {"requestTimeout=50", BLOCKS, "", "requestTimeout=50 has no effect on this PLC: only for PLCs that are asked by requests"},
+    {"requestTimeout=50 readPeriod=20 complete=sent writes=all", REGISTERS, "own", NULL},
+    {"requestTimeout=50 complete=sent writes=all", TAGS, "tags", NULL},
+    {"complete=sent", BLOCKS, "", "complete=sent has no effect on this PLC: only for wires that acknowledge puts"},
+    {"writes=all", BLOCKS, "", "writes=all has no effect on this PLC: only for wires that acknowledge puts"},
+    {"readPeriod=20", BLOCKS, "", "only for PLCs that are asked by requests"},
+    {"readPeriod=20", TAGS, "tags", "only for values with offsets, not names"},
+    {"wordOrder=low", TAGS, "tags", "wordOrder=low has no effect on this PLC: only for values with offsets, not names"},
+    {"textOrder=BADC", TAGS, "tags", "only for values with offsets, not names"},
+    {"wordOrder=low textOrder=BADC", REGISTERS, "own", NULL},
+    {"heartbeat=500", BLOCKS, "", NULL},
+    {"heartbeat=500", TAGS, "tags", "heartbeat=500 has no effect on this PLC: only for outputs that leave in blocks"},
+    {"heartbeat=500", REGISTERS, "own", "heartbeat=500 has no effect on this PLC: it needs option ownPlace"},
+    {"heartbeat=500 ownPlace=7", REGISTERS, "own", NULL},
+    {"ownNumber=5", REGISTERS, "own", NULL},
+    {"ownNumber=5", BLOCKS, "", "ownNumber=5 has no effect on this PLC: only for: own"},
+    {"ownNumber=7", BLOCKS, "", NULL}, /* as it is by default */
+    {"pingPeriod=100", BLOCKS, "", "pingPeriod=100 has no effect on this PLC: only for: redundant pair"},
+    {"pingPeriod=100", BLOCKS, "redundant pair", NULL},
+    {"layout=5", BLOCKS, "", "layout=5 has no effect on this PLC: it needs option sync or layoutAt"},
+    {"layout=5 layoutAt=2", BLOCKS, "", NULL},
+    {"sync=on layout=5", BLOCKS, "", NULL},
+    {"aliveTimeout=50", BLOCKS, "", "aliveTimeout=50 has no effect on this PLC: it needs option alive"},
+    {"alive=4 aliveTimeout=50", BLOCKS, "", NULL},
+};
 
 static const struct {
     const char *key, *value;
@@ -194,6 +237,37 @@ static void testRow(size_t row)
                "%s=%s is refused: %s", rows[row].key, rows[row].value, error);
 }
 
+static void note(void *arg, const char *line)
+{
+    strcat(arg, line);
+}
+
+static void setAll(plcOptions *o, const char *text)
+{
+    char copy[200], key[40], value[40], error[400], *save = NULL, *word;
+
+    strcpy(copy, text);
+    for (word = epicsStrtok_r(copy, " ", &save); word; word = epicsStrtok_r(NULL, " ", &save))
+        if (sscanf(word, "%39[^=]=%39s", key, value) != 2 ||
+            plcOptionsSet(o, key, value, 0, error, sizeof(error)))
+            testAbort("%s", word);
+}
+
+static void testIdle(size_t row)
+{
+    const char *const names[] = {"single PLC", idle[row].name, NULL};
+    char said[1000] = "", again[1000] = "";
+    plcOptions before, now;
+
+    plcOptionsDefault(&before);
+    now = before;
+    setAll(&now, idle[row].set);
+    plcOptionsIdle(&before, &now, idle[row].wire, names, note, said);
+    plcOptionsIdle(&now, &now, idle[row].wire, names, note, again);
+    testOk((idle[row].line ? strstr(said, idle[row].line) != NULL : !said[0]) && !again[0],
+           "%s over \"%s\": %s", idle[row].set, idle[row].name, said[0] ? said : "used");
+}
+
 static void testTexts(void)
 {
     plcOptions options;
@@ -327,7 +401,7 @@ MAIN(optionsTest)
 {
     size_t i;
 
-    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 20);
+    testPlan((int)(sizeof(rows) / sizeof(rows[0]) + sizeof(idle) / sizeof(idle[0])) + 20);
     phoenixPairInit();
 #ifdef WITH_MODBUS
     plcOptionsAdd(&plcModbusOptionTable);
@@ -335,6 +409,8 @@ MAIN(optionsTest)
     plcOptionsAdd(&ownTable);
     for (i = 0; i < sizeof(rows) / sizeof(rows[0]); i++)
         testRow(i);
+    for (i = 0; i < sizeof(idle) / sizeof(idle[0]); i++)
+        testIdle(i);
     testTexts();
     testOwn();
     testPrint();

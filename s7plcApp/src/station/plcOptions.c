@@ -17,6 +17,7 @@
 static const plcOptionRow rows[] = {
     {.key = "recvTimeout", .kind = plcOptNumber, .field = AT(recvTimeout), .min = 10,
      .max = 3600000, .unit = "ms", .initial = 2000,
+     .wire = plcOptInBlocks,
      .help = "silence from block to block after which the connection is given up"},
     {.key = "sendInterval", .kind = plcOptNumber, .field = AT(sendInterval), .min = 1,
      .max = 3600000, .unit = "ms", .initial = 1000,
@@ -26,6 +27,7 @@ static const plcOptionRow rows[] = {
      .help = "the first write after a pause waits this long for others to join its block"},
     {.key = "heartbeat", .kind = plcOptPeriod, .field = AT(heartbeat), .min = 1,
      .max = 3600000, .unit = "ms",
+     .wire = plcOptOutBlocks,
      .help = "send the output block again when nothing was sent for so long; 0: never"},
     {.key = "offlineWrites", .kind = plcOptChoice, .field = AT(offlineWrites),
      .words = "keep|reject",
@@ -46,6 +48,7 @@ static const plcOptionRow rows[] = {
      .help = "a word of the input block that changes while the PLC program runs: offset[,type]"},
     {.key = "aliveTimeout", .kind = plcOptNumber, .field = AT(aliveTimeout), .min = 10,
      .max = 3600000, .unit = "ms", .initial = 2000,
+     .with = "alive",
      .help = "the word of `alive` may stand still that long"},
     {.key = "timestamp", .kind = plcOptOffset, .field = AT(timestamp),
      .second = AT(timestampFormat), .max = PLC_BLOCK_MAX, .words = "DT|DTL",
@@ -59,6 +62,7 @@ static const plcOptionRow rows[] = {
     {.key = "sync", .kind = plcOptChoice, .field = AT(sync), .words = "off|on", .early = 1,
      .help = "sync handshake: no put leaves before the PLC has agreed to the values we hold"},
     {.key = "layout", .kind = plcOptWhole, .field = AT(layout), .max = 65535, .early = 1,
+     .with = "sync|layoutAt",
      .help = "layout id of both blocks, for the sync handshake and layoutAt; 0: not checked"},
     {.key = "map", .kind = plcOptChoice, .field = AT(map), .words = "off|check|download",
      .early = 1,
@@ -68,9 +72,11 @@ static const plcOptionRow rows[] = {
      .help = "without sync: where the input block has the PLC's layout id, a UINT16"},
     {.key = "wordOrder", .kind = plcOptChoice, .field = AT(wordOrder),
      .words = "bytes|high|low|ABCD|CDAB|BADC|DCBA", .early = 1,
+     .wire = plcOptOffsets,
      .help = "which 16-bit word of values of 4 and 8 bytes comes first; bytes: as they are ordered"},
     {.key = "textOrder", .kind = plcOptChoice, .field = AT(textOrder),
      .words = "ABCD|BADC|CDAB|DCBA|A0|0A", .early = 1,
+     .wire = plcOptOffsets,
      .help = "how the characters of texts stand in the PLC's bytes; A0, 0A: one in two bytes"},
     {.key = "connectTimeout", .kind = plcOptNumber, .field = AT(connectTimeout), .min = 50,
      .max = 60000, .unit = "ms", .initial = 900,
@@ -82,14 +88,18 @@ static const plcOptionRow rows[] = {
      .help = "lines of the log begin with the time"},
     {.key = "complete", .kind = plcOptChoice, .field = AT(complete),
      .words = "acknowledged|sent",
+     .wire = plcOptAcks,
      .help = "over an acknowledging wire: a record is active until its put is taken, or only handed over"},
     {.key = "writes", .kind = plcOptChoice, .field = AT(writes), .words = "newest|all",
+     .wire = plcOptAcks,
      .help = "over an acknowledging wire: of numbers that follow on each other the newest leaves, or all"},
     {.key = "requestTimeout", .kind = plcOptNumber, .field = AT(requestTimeout), .min = 10,
      .max = 60000, .unit = "ms", .initial = 1000,
+     .wire = plcOptRequests,
      .help = "a request without an answer for so long: the connection is given up"},
     {.key = "readPeriod", .kind = plcOptPeriod, .field = AT(readPeriod), .min = 10,
      .max = 3600000, .unit = "ms", .initial = 1000,
+     .wire = plcOptRequests | plcOptOffsets,
      .help = "by requests: how often the outputs are read again; 0: only at connect"},
 };
 /* clang-format on */
@@ -369,6 +379,95 @@ static void valueText(const plcOptionTable *table, const plcOptionRow *row, cons
     }
 }
 
+/* True when the option is not what it is by default. */
+static int isSet(const plcOptionTable *table, const plcOptionRow *row, const plcOptions *o,
+                 char *value, size_t size)
+{
+    plcOptions defaults;
+    char initial[40];
+
+    plcOptionsDefault(&defaults);
+    valueText(table, row, o, value, size);
+    valueText(table, row, &defaults, initial, sizeof(initial));
+    return strcmp(value, initial) != 0;
+}
+
+static int isAmong(const char *const names[], const char *name)
+{
+    while (*names && strcmp(*names, name))
+        names++;
+    return *names != NULL;
+}
+
+/* True when one of the options "sync|layoutAt" is set. */
+static int oneIsSet(const char *keys, const plcOptions *o)
+{
+    const plcOptionTable *table;
+    const plcOptionRow *row;
+    char value[40];
+
+    EACH_ROW(table, row)
+        if (findWord(keys, row->key) >= 0 && isSet(table, row, o, value, sizeof(value)))
+            return 1;
+    return 0;
+}
+
+/* The table that has this option of ours in its own way; NULL: none for this PLC. */
+static const plcOptionTable *userOf(const plcOptionRow *row, const char *const names[])
+{
+    const plcOptionTable *table = &core;
+
+    while (table && !(table->uses && strcmp(table->uses, row->key) == 0 &&
+                      isAmong(names, table->of)))
+        table = table->next;
+    return table;
+}
+
+/* Why the option has no effect, "" when it has. */
+static void whyIdle(const plcOptionTable *table, const plcOptionRow *row, const plcOptions *o,
+                    unsigned wire, const char *const names[], char *why, size_t size)
+{
+    static const char *const what[] = {"PLCs that send blocks", "outputs that leave in blocks",
+                                       "PLCs that are asked by requests",
+                                       "wires that acknowledge puts",
+                                       "values with offsets, not names"};
+    const plcOptionTable *user = userOf(row, names);
+    const char *with = user ? user->usesWith : row->with;
+    unsigned i, missing = user ? 0 : row->wire & ~wire;
+
+    why[0] = 0;
+    for (i = 0; missing >> i && !(missing >> i & 1); i++)
+        ;
+    if (missing)
+        epicsSnprintf(why, size, "only for %s", what[i]);
+    else if (table->of && !isAmong(names, table->of))
+        epicsSnprintf(why, size, "only for: %s", table->of);
+    else if (with && !oneIsSet(with, o))
+        epicsSnprintf(why, size, "it needs option %.*s%s%s", (int)strcspn(with, "|"), with,
+                      strchr(with, '|') ? " or " : "",
+                      strchr(with, '|') ? strchr(with, '|') + 1 : "");
+}
+
+void plcOptionsIdle(const plcOptions *before, const plcOptions *now, unsigned wire,
+                    const char *const names[], void (*tell)(void *arg, const char *line), void *arg)
+{
+    const plcOptionTable *table;
+    const plcOptionRow *row;
+    char value[40], old[40], why[80], line[200];
+
+    EACH_ROW(table, row) {
+        valueText(table, row, before, old, sizeof(old));
+        if (!isSet(table, row, now, value, sizeof(value)) || strcmp(value, old) == 0)
+            continue;
+        whyIdle(table, row, now, wire, names, why, sizeof(why));
+        if (!why[0])
+            continue;
+        epicsSnprintf(line, sizeof(line), "option %s=%s has no effect on this PLC: %s", row->key,
+                      value, why);
+        tell(arg, line);
+    }
+}
+
 void plcOptionsPrint(const plcOptions *options, FILE *file)
 {
     const plcOptionTable *table;
@@ -389,16 +488,12 @@ void plcOptionsSummary(const plcOptions *options, char *text, size_t size)
 {
     const plcOptionTable *table;
     const plcOptionRow *row;
-    plcOptions defaults;
-    char value[40], initial[40];
+    char value[40];
     size_t used = 0;
 
-    plcOptionsDefault(&defaults);
     text[0] = 0;
     EACH_ROW(table, row) {
-        valueText(table, row, options, value, sizeof(value));
-        valueText(table, row, &defaults, initial, sizeof(initial));
-        if (strcmp(value, initial) == 0)
+        if (!isSet(table, row, options, value, sizeof(value)))
             continue;
         epicsSnprintf(text + used, size - used, "%s%s=%s", used ? " " : "", row->key, value);
         used = strlen(text);

@@ -69,6 +69,15 @@ typedef enum {
     plcOptAlive   /* "off", "offset" or "offset,type" */
 } plcOptionKind;
 
+/* What a PLC must be, all of it, for an option to have an effect. 0: any will do. */
+enum {
+    plcOptInBlocks = 1,  /* it sends blocks */
+    plcOptOutBlocks = 2, /* its outputs leave in blocks */
+    plcOptRequests = 4,  /* it is asked by requests */
+    plcOptAcks = 8,      /* it acknowledges puts */
+    plcOptOffsets = 16   /* its values have offsets, not names */
+};
+
 typedef struct plcOptionRow {
     const char *key;
     plcOptionKind kind;
@@ -79,6 +88,8 @@ typedef struct plcOptionRow {
     const char *words; /* "keep|reject" */
     double initial;
     int early; /* only before iocInit */
+    unsigned wire;    /* plcOptInBlocks | ... */
+    const char *with; /* has an effect only with one of these set, "sync|layoutAt"; NULL: alone */
     const char *help;
 } plcOptionRow;
 
@@ -88,6 +99,9 @@ typedef struct plcOptionTable {
     const plcOptionRow *rows;
     size_t count;
     size_t size; /* bytes of the struct that has their fields: of double and int alone */
+    const char *of; /* the name of that transport or policy, for which alone they are; NULL: any */
+    const char *uses, *usesWith; /* an option of the core that has an effect there in its own way,
+                                  * with this one set; NULL: none */
     /* of plcOptionsAdd: */
     size_t at;
     struct plcOptionTable *next;
@@ -109,6 +123,13 @@ int plcOptionsLimits(const char *key, double *min, double *max, double *initial)
  * before. Returns 0, or -1 with a message that says what is allowed. */
 int plcOptionsSet(plcOptions *options, const char *key, const char *value, int running,
                   char *error, size_t size);
+
+/* Tells each option that is another in *now than in *before, and not the default, but has no effect
+ * on a PLC that is `wire` (plcOptInBlocks | ...) by transports and a policy of these names (the last
+ * is NULL): a line that says for what it is. */
+void plcOptionsIdle(const plcOptions *before, const plcOptions *now, unsigned wire,
+                    const char *const names[], void (*tell)(void *arg, const char *line),
+                    void *arg);
 
 /* All tables with the values in *options (NULL: the defaults), for people. */
 void plcOptionsPrint(const plcOptions *options, FILE *file);

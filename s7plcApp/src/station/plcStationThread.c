@@ -277,9 +277,33 @@ static void heldUp(plcStation *s, epicsUInt64 now)
     plcStationLog(s, errlogMinor, text);
 }
 
+static void tellIdle(void *arg, const char *line)
+{
+    plcStationLog(arg, errlogMinor, line);
+}
+
+/* Options that are new in s->now, and do nothing here. */
+PLC_COLD static void lookAtOptions(plcStation *s, const plcOptions *before)
+{
+    const char *names[PLC_LINES_MAX + 2] = {s->policy->name};
+    unsigned i, wire = plcStationByName(s) ? 0 : plcOptOffsets;
+
+    for (i = 0; i < s->lineCount; i++) {
+        const plcTransport *t = s->lines[i].transport;
+
+        names[i + 1] = t->name;
+        wire |= t->receive && !(i && i == s->outLine) ? plcOptInBlocks : 0;
+        wire |= t->news ? plcOptRequests : 0;
+        wire |= t->takesPuts ? plcOptAcks : 0;
+    }
+    wire |= s->lines[s->outLine].transport->send ? plcOptOutBlocks : 0;
+    plcOptionsIdle(before, &s->now, wire, names, tellIdle, s);
+}
+
 /* Takes over what other threads have changed. */
 PLC_HOT static void takeOrders(plcStation *s, epicsUInt64 now)
 {
+    plcOptions before;
     const char *why;
     unsigned i;
     unsigned moved;
@@ -287,8 +311,10 @@ PLC_HOT static void takeOrders(plcStation *s, epicsUInt64 now)
 
     epicsMutexMustLock(s->lock);
     changed = s->optionsChanged;
-    if (changed)
+    if (changed) {
+        before = s->now;
         s->now = s->options;
+    }
     s->optionsChanged = 0;
     moved = s->moved;
     s->moved = 0;
@@ -299,6 +325,8 @@ PLC_HOT static void takeOrders(plcStation *s, epicsUInt64 now)
         s->policy->options(s->policyPvt, &s->now);
     if (changed)
         plcExchangeOptions(s);
+    if (changed)
+        lookAtOptions(s, &before);
     if (changed)
         chooseScanThread(s);
     if (changed)
@@ -327,6 +355,7 @@ static void begin(plcStation *s)
     s->optionsChanged = 1;
     epicsMutexUnlock(s->lock);
     plcExchangeBegin(s);
+    plcOptionsDefault(&s->now); /* what is set is new */
     takeOrders(s, 0);
     plcSyncInit(&s->sync, (epicsUInt16)s->now.layout);
     plcTablesStart(s);
