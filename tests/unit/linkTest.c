@@ -516,6 +516,7 @@ static const plcShape ai = {"ai", plcInteger | plcReal, 4, LHW, "INT16"};
 static const plcShape ao = {"ao", plcInteger | plcReal, 4, LHW | plcHasR, "INT16"};
 static const plcShape bi = {"bi", plcInteger, 8, plcHasB, "INT16"};
 static const plcShape longin = {"longin", plcInteger, 4, 0, "INT16"};
+static const plcShape longout = {"longout", plcWhole, 4, plcHasR | plcHasW, "INT16"};
 static const plcShape int64in = {"int64in", plcInteger, 8, LH, "INT16"};
 static const plcShape stringin = {"stringin", plcText, 8, plcHasL | plcHasW, "STRING"};
 static const plcShape aao = {"aao", plcInteger, 2, plcHasL | plcHasR, "INT8"};
@@ -604,6 +605,61 @@ static int complete(const plcShape *shape, size_t length, const char *options,
     if (plcLinkParse(text, link, error))
         testAbort("%s is refused: %s", text, error->text);
     return plcLinkComplete(link, shape, length, error);
+}
+
+/* What is taken and does nothing is told. */
+static const struct {
+    const plcShape *shape;
+    const char *place;
+    const char *message; /* its beginning; "": nothing is said */
+    size_t column;
+} idleRows[] = {
+    {&longout,  "@PLC/4 L=1 H=9",           "L= H= have no effect on longout: a value that does not fit wraps in INT16; L= and H= are for ai, ao and calcout, L= for texts, B= for bi and bo", 7},
+    {&longout,  "@PLC/4 H=9",               "H= has no effect on longout: a value that does not fit wraps in INT16;", 7},
+    {&longout,  "@PLC/4 H=9 T=BCD16",       "H= has no effect on longout;", 7},
+    {&longout,  "@PLC/4 B=3",               "B= has no effect on longout;", 7},
+    {&longout,  "@PLC/4 L=0 H=0 B=0",       "", 0},
+    {&longin,   "@PLC/4 L=1 H=9 B=3",       "L= H= B= have no effect on longin;", 7},
+    {&ai,       "@PLC/4 B=3",               "B= has no effect on ai;", 7},
+    {&ai,       "@PLC/4 L=0",               "", 0},
+    {&ai,       "@PLC/4 L=1 H=9",           "", 0},
+    {&bi,       "@PLC/4 B=3",               "", 0},
+    {&bi,       "@PLC/4 B=3 H=7",           "H= has no effect on bi;", 11},
+    {&aao,      "@PLC/4 L=200",             "L= has no effect on aao", 7},
+    {&stringin, "@PLC/4 L=4",               "", 0},
+    {&stringin, "@PLC/4 L=0",               "L=0 is taken as the length that the record has", 7},
+    {&stringin, "@PLC/4 H=4",               "H= has no effect on stringin;", 7},
+    {&stringin, "@PLC/4 B=1 T=S7STRING",    "B= has no effect on stringin;", 7},
+    {&ai,       "@PLC/4+",                  "nothing follows a +: taken as 0", 6},
+    {&ai,       "@PLC/4+ T=BYTE",           "nothing follows a +: taken as 0", 6},
+    {&ai,       "@PLC/4++2",                "nothing follows a +: taken as 0", 6},
+    {&ai,       "@PLC/4+ 2",                "", 0},
+    {&ai,       "@PLC/+4+-2",               "", 0},
+    {&ao,       "@PLC/4 R=4+",              "nothing follows a +: taken as 0", 10},
+    {&ao,       "@PLC/4 R=4+2",             "", 0},
+};
+
+static void testIdle(void)
+{
+    size_t i, room;
+
+    for (i = 0; i < COUNT(idleRows); i++) {
+        plcLink given, link;
+        plcLinkError error;
+
+        room = idleRows[i].shape == &stringin ? 40 : 0;
+        if (plcLinkParse(idleRows[i].place, &link, &error))
+            testAbort("%s", error.text);
+        given = link;
+        if (plcLinkComplete(&link, idleRows[i].shape, room, &error))
+            testAbort("%s", error.text);
+        plcLinkIdle(&given, link.type, idleRows[i].shape, &error);
+        testOk((idleRows[i].message[0] ? strstr(error.text, idleRows[i].message) == error.text
+                                       : !error.text[0]) &&
+                   error.column == idleRows[i].column,
+               "%s %s: %lu: %s", idleRows[i].shape->recordType, idleRows[i].place,
+               (unsigned long)error.column, error.text);
+    }
 }
 
 static void testCompletions(void)
@@ -874,7 +930,7 @@ static void testNoise(void)
 MAIN(linkTest)
 {
     testPlan(2 * COUNT(letters) + COUNT(places) + COUNT(optionRows) + COUNT(wordRows) + 5 + COUNT(doubts) + 3 +
-             COUNT(refusals) + 2 + COUNT(completions) + COUNT(misfits) + COUNT(textRows) +
+             COUNT(refusals) + 2 + COUNT(completions) + COUNT(idleRows) + COUNT(misfits) + COUNT(textRows) +
              COUNT(orderRows) + 4);
     testDiag("Place and type");
     testPlaces();
@@ -890,6 +946,7 @@ MAIN(linkTest)
     testNames();
     testDiag("What record types allow");
     testCompletions();
+    testIdle();
     testMisfits();
     testOrders();
     testTextOrders();

@@ -176,6 +176,15 @@ static const struct {
     {"LINEAR without EGUF", "ao", "OUT=@P/0|LINR=LINEAR",
      "S7plc ao \"%s\" warning: LINR=LINEAR, but EGUL and EGUF are both 0: the record always "
      "writes the same. Set them to what L and H are in EGU\n"},
+    {"limits of a longout", "longout", "OUT=@P/0 T=INT8 L=0 H=100",
+     "S7plc longout \"%s\" warning: OUT: H= has no effect on longout: a value that does not fit "
+     "wraps in INT8; L= and H= are for ai, ao and calcout, L= for texts, B= for bi and bo\n"},
+    {"the bit of an ai", "ai", "INP=@P/8 B=3",
+     "S7plc ai \"%s\" warning: INP: B= has no effect on ai; L= and H= are for ai, ao and calcout, "
+     "L= for texts, B= for bi and bo\n"},
+    {"a + that nothing follows", "ai", "INP=@P/4+",
+     "S7plc ai \"%s\" warning: INP: nothing follows a +: taken as 0\n"},
+    {"nothing about zeros of macros", "longout", "OUT=@P/0 L=0 H=0 B=0", ""},
     {"nothing about a good record", "ai", "INP=@P/8 T=REAL32", ""},
     {"nothing about what macros leave", "ai", "INP=@P/8 T=REAL32 L=0 H=0|EGUF=10", ""},
     {"nothing about good states", "mbbi",

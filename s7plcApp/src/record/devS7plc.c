@@ -232,7 +232,7 @@ static int resolve(dbCommon *prec, devRecord *dev, const char *text, plcLinkErro
     const devSupport *support = devSupportOf(prec);
     plcShape shape = support->shape;
     size_t room = 0;
-    plcLink link;
+    plcLink link, given;
 
     if (support->resolve)
         return support->resolve(prec, dev, text, error);
@@ -245,8 +245,11 @@ static int resolve(dbCommon *prec, devRecord *dev, const char *text, plcLinkErro
         return support->prepare ? support->prepare(prec, dev, &link, error) : 0;
     if (support->adapt && support->adapt(prec, &link, &shape, &room, error))
         return -1;
+    given = link;
     if (plcLinkComplete(&link, &shape, room, error))
         return -1;
+    warn(prec, error);
+    plcLinkIdle(&given, link.type, &shape, error);
     warn(prec, error);
     return place(prec, dev, &link, room, error);
 }

@@ -176,10 +176,10 @@ static int addNumber(cursor *c, const char *what, epicsInt64 *sum)
 
 /* A sum of numbers, 20+3+2, for an offset and R=. Blanks may follow a +. Macros that are
  * empty leave a + without a number: 20++2, 20+. */
-static int parseSum(cursor *c, const char *what, size_t *result)
+static int parseSum(cursor *c, const char *what, size_t *result, size_t *open)
 {
     char quote[QUOTE_SIZE];
-    size_t start = c->at, after;
+    size_t start = c->at, after, plus;
     epicsInt64 sum = 0;
 
     if (here(c) != '+' && here(c) != '-' && !isDigit(here(c)))
@@ -191,8 +191,10 @@ static int parseSum(cursor *c, const char *what, size_t *result)
             return -1;
         if (here(c) != '+')
             break;
-        c->at++;
+        plus = c->at++;
         skipBlanks(c);
+        if (here(c) != '-' && !isDigit(here(c)))
+            *open = plus;
         if (atOption(c->text + c->at))
             break;
     }
@@ -289,7 +291,7 @@ static int parseB(cursor *c, plcLink *link)
 static int parseR(cursor *c, plcLink *link)
 {
     skipBlanks(c);
-    return parseSum(c, "R=", &link->readback);
+    return parseSum(c, "R=", &link->readback, &link->column.open);
 }
 
 static int parseW(cursor *c, plcLink *link)
@@ -434,7 +436,7 @@ static int parseOffset(cursor *c, plcLink *link)
     link->column.offset = c->at;
     if (here(c) == 0 || here(c) == '\'' || atOption(c->text + c->at))
         return 0;
-    return parseSum(c, "offset", &link->offset);
+    return parseSum(c, "offset", &link->offset, &link->column.open);
 }
 
 int plcLinkParse(const char *text, plcLink *link, plcLinkError *error)
@@ -446,6 +448,7 @@ int plcLinkParse(const char *text, plcLink *link, plcLinkError *error)
     memset(error, 0, sizeof(*error));
     link->column.offset = link->column.T = link->column.L = end;
     link->column.H = link->column.B = link->column.R = link->column.W = end;
+    link->column.open = PLC_NO_COLUMN;
     if (parseStation(&c, link) || parseOffset(&c, link) || parseOptions(&c, link))
         return -1;
     return 0;

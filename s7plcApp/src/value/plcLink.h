@@ -28,6 +28,8 @@
 #define PLC_WORD_ORDERS "high low ABCD CDAB BADC DCBA"
 #define PLC_TEXT_ORDERS "ABCD CDAB BADC DCBA A0 0A"
 
+#define PLC_NO_COLUMN ((size_t)-1)
+
 typedef struct plcLink {
     char station[PLC_NAME_MAX + 1];
     unsigned has;        /* plcHasT | ... */
@@ -42,6 +44,7 @@ typedef struct plcLink {
     int textOrder;       /* plcTextABCD, ...; -1: not for texts */
     struct {             /* columns in the text, for messages; its end when not given */
         size_t offset, T, L, H, B, R, W;
+        size_t open; /* a + that nothing follows; PLC_NO_COLUMN: there is none */
     } column;
 } plcLink;
 
@@ -86,6 +89,12 @@ typedef struct plcShape {
  * the LINEAR scale then, and what is written must be cut to the type by the caller. */
 int plcLinkComplete(plcLink *link, const plcShape *shape, size_t length,
                     plcLinkError *error);
+
+/* Options that stand in the text (`given`, as parsed) and do nothing for the record type, and a + of
+ * the offset with nothing behind it: s7plc takes them, and macros leave 0 and nothing. A warning in
+ * *error, or "". */
+void plcLinkIdle(const plcLink *given, const plcType *type, const plcShape *shape,
+                 plcLinkError *error);
 
 /* The order of the bytes (plcCodec.h) at a completed link, where `order` and `textOrder` are those
  * of the station: W= wins; types of 1 and 2 bytes have no order of words. */

@@ -159,6 +159,42 @@ int plcLinkComplete(plcLink *link, const plcShape *shape, size_t length,
     return completeWords(link, shape, error);
 }
 
+/* L= H= B= that do nothing: a mask of plcHasL | ... 0 is what macros like to leave. */
+static unsigned idleOptions(const plcLink *given, const plcType *type, const plcShape *shape)
+{
+    unsigned idle = given->has & ~shape->options;
+
+    if (!(shape->options & plcHasH) && !(type->kind & plcText)) /* L= is the length of a text */
+        idle |= given->has & plcHasL;
+    return idle & ((given->low ? plcHasL : 0u) | (given->high ? plcHasH : 0u) |
+                   (given->bit ? plcHasB : 0u));
+}
+
+void plcLinkIdle(const plcLink *given, const plcType *type, const plcShape *shape,
+                 plcLinkError *error)
+{
+    unsigned idle = idleOptions(given, type, shape);
+    int wraps = idle & (plcHasL | plcHasH) && type->kind & plcInteger &&
+                shape->options & plcHasR && shape->kinds & plcCoded; /* longout, int64out */
+
+    memset(error, 0, sizeof(*error));
+    if (idle)
+        plcLinkWarn(error,
+                    idle & plcHasL   ? given->column.L
+                    : idle & plcHasH ? given->column.H
+                                     : given->column.B,
+                    "%s%s%s%s no effect on %s%s%s; L= and H= are for ai, ao and calcout, L= for "
+                    "texts, B= for bi and bo",
+                    idle & plcHasL ? "L= " : "", idle & plcHasH ? "H= " : "",
+                    idle & plcHasB ? "B= " : "", idle & (idle - 1) ? "have" : "has",
+                    shape->recordType, wraps ? ": a value that does not fit wraps in " : "",
+                    wraps ? type->name : "");
+    else if (given->has & plcHasL && !given->low && type->kind == plcString)
+        plcLinkWarn(error, given->column.L, "L=0 is taken as the length that the record has");
+    else if (given->column.open != PLC_NO_COLUMN)
+        plcLinkWarn(error, given->column.open, "nothing follows a +: taken as 0");
+}
+
 int plcLinkTextLength(const plcLink *link, int order, size_t *length, plcLinkError *error)
 {
     size_t unit = plcTextUnit(order), over = *length % unit;
