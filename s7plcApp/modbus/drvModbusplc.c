@@ -54,17 +54,22 @@ static int ranges(const char *command, const char *name, const char *const text[
     return 0;
 }
 
-/* 40001 to 49999 and the like may be what a manual calls 1 and so on. */
-static void hintReferences(const char *command, const char *name, const plcRange *ranges,
-                           unsigned count)
+/* What may be a mistake: 40001 to 49999 and the like may be what a manual calls 1 and so on. */
+static void hint(const char *command, const char *name, const plcRange *ranges, unsigned count,
+                 int ofPlc)
 {
     static const unsigned first[] = {[plcHolding] = 40001, [plcInputRegisters] = 30001,
                                      [plcCoils] = 65536, [plcDiscrete] = 10001};
+    char doubt[200];
     unsigned i;
 
     for (i = 0; i < count; i++) {
         const plcRange *r = &ranges[i];
 
+        plcRangeDoubt(ranges, i, ofPlc, doubt, sizeof(doubt));
+        if (doubt[0])
+            errlogSevPrintf(errlogInfo, "%s %.60s: %s: %s\n", command, name,
+                            r->period ? "inputs" : "outputs", doubt);
         if (r->start >= first[r->table] && r->start < first[r->table] + 9999)
             errlogSevPrintf(errlogInfo, "%s %.60s: \"%s %u\" is address %u; if it is a manual's number, "
                             "write \"%s %u\": they count from %u\n", command, name,
@@ -113,8 +118,8 @@ static plcStation *configure(const char *command, const char *const args[7])
         return NULL;
     }
     plcConfigureSharing(command, station, oneStation);
-    hintReferences(command, name, own.inputs, own.inputCount);
-    hintReferences(command, name, own.outputs, own.outputCount);
+    hint(command, name, own.inputs, own.inputCount, own.unit);
+    hint(command, name, own.outputs, own.outputCount, own.unit);
     sprintf(text, "%d", (int)timeout);
     plcStationSetOption(station, "requestTimeout", text, why, sizeof(why));
     return station;

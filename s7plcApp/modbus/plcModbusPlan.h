@@ -46,6 +46,10 @@ size_t plcRangeBytes(const plcRange *range);
 int plcRangesParse(const char *text, int output, plcRange **ranges, size_t *size,
                    char *error, size_t errorSize);
 
+/* What is allowed of ranges[i], but may be a mistake: registers at an odd byte, or that a range before it
+ * has too. `unit` is the unit of the PLC. A line in text, or "". */
+void plcRangeDoubt(const plcRange *ranges, unsigned i, int unit, char *text, size_t size);
+
 /* May a value lie in `length` bytes from `offset` on? `mask` (NULL: all) has the bits of them that it
  * has: each must be there. All of it must be in one range: what is in two need not come in one request.
  * A number, which has no mask, may have bits behind the last coil of a range: they read 0. Returns 1,

@@ -231,6 +231,36 @@ static int checkPlace(const parser *p, const plcRange *ranges, const plcRange *r
     return 0;
 }
 
+static int unitOf(const plcRange *range, int unit)
+{
+    return range->unit == PLC_UNIT_OF_PLC ? unit : range->unit - 1;
+}
+
+void plcRangeDoubt(const plcRange *ranges, unsigned i, int unit, char *text, size_t size)
+{
+    const plcRange *r = &ranges[i];
+    int registers = r->table == plcHolding || r->table == plcInputRegisters;
+    unsigned j, first, last;
+
+    text[0] = 0;
+    for (j = 0; j < i; j++) {
+        const plcRange *o = &ranges[j];
+
+        if (o->table != r->table || unitOf(o, unit) != unitOf(r, unit) ||
+            !overlap(r->start, r->count, o->start, o->count))
+            continue;
+        first = r->start > o->start ? r->start : o->start;
+        last = r->start + r->count < o->start + o->count ? r->start + r->count
+                                                         : o->start + o->count;
+        epicsSnprintf(text, size, "range %u has %s %u to %u once more: they are in range %u too",
+                      i + 1, tableNames[r->table], first, last - 1, j + 1);
+        return;
+    }
+    if (registers && r->offset & 1)
+        epicsSnprintf(text, size, "range %u has its registers at an odd byte, %lu: usual are even ones",
+                      i + 1, (unsigned long)r->offset);
+}
+
 /* One range. `ranges` holds those before it. Returns 0, or -1 with a message. */
 static int parseRange(const parser *p, const plcRange *ranges, plcRange *range)
 {

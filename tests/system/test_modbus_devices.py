@@ -754,8 +754,12 @@ def test_hints(new_ioc):
     ioc = new_ioc("""modbusplcConfigure A, 127.0.0.1, 1, 1, "holding 40001 2, input 30101 2, holding 100 2", "discrete 10001 2"
                      modbusplcConfigure B, 127.0.0.1, 1, 1, "holding 40001 2, input 30101 2, holding 100 2", "coils 1 2"
                      modbusplcConfigure C, 127.0.0.1, 1, 1, "4xxxx 0 2"
+                     modbusplcConfigure E, 127.0.0.1, 1, 1, "holding 0 9 at 1, holding 4 9", "holding 0 9"
                      modbusplcConfigure D""", "")
     log = ioc.log
+    assert "modbusplcConfigure E: inputs: range 1 has its registers at an odd byte, 1" in log
+    assert "modbusplcConfigure E: inputs: range 2 has holding 4 to 8 once more: they are in range 1 too" in log
+    assert "modbusplcConfigure E: outputs" not in log
     assert log.count("modbusplcConfigure B: \"") == 2
     assert '"holding 40001" is address 40001; if it is a manual\'s number, write "holding 0": they count from 40001' in log
     assert 'write "input 100": they count from 30001' in log

@@ -151,6 +151,45 @@ static void testBadTexts(void)
     }
 }
 
+/* Allowed, with a line about the last range; the unit of the PLC is 1. */
+static const struct {
+    const char *text;
+    int output;
+    const char *doubt;
+} doubts[] = {
+    {"holding 0 4", 0, ""},
+    {"holding 0 4 at 2, coils 0 9 at 11", 0, ""},
+    {"holding 0 4 at 1", 0, "range 1 has its registers at an odd byte, 1: usual are even ones"},
+    {"input 0 4 at 3", 0, "range 1 has its registers at an odd byte, 3: usual are even ones"},
+    {"holding 0 4 at 7", 1, "range 1 has its registers at an odd byte, 7: usual are even ones"},
+    {"holding 0 10, holding 5 10", 0, "range 2 has holding 5 to 9 once more: they are in range 1 too"},
+    {"holding 5 10, input 0 20, holding 0 100", 0, "range 3 has holding 5 to 14 once more: they are in range 1 too"},
+    {"coils 0 9, coils 8 1 at 9", 0, "range 2 has coils 8 to 8 once more: they are in range 1 too"},
+    {"holding 0 10, holding 10 10", 0, ""},
+    {"holding 0 10, input 0 10", 0, ""},
+    {"holding 0 10, holding 0 10 unit 2", 0, ""},
+    {"holding 0 10, holding 0 10 unit 1", 1, "range 2 has holding 0 to 9 once more: they are in range 1 too"},
+};
+
+static void testDoubts(void)
+{
+    size_t i;
+
+    for (i = 0; i < COUNT(doubts); i++) {
+        char text[200] = "x", error[300] = "";
+        plcRange *ranges;
+        size_t size;
+        int count = plcRangesParse(doubts[i].text, doubts[i].output, &ranges, &size, error,
+                                   sizeof(error));
+
+        if (count > 0)
+            plcRangeDoubt(ranges, (unsigned)count - 1, 1, text, sizeof(text));
+        testOk(count > 0 && strcmp(text, doubts[i].doubt) == 0, "\"%s\": %s%s", doubts[i].text, text,
+               error);
+        free(ranges);
+    }
+}
+
 static const char *const words[] = {"holding", "input", "coils", "discrete", "at", "every",
                                     "0", "1", "7", "100", "65535", "0x", "0xff", ",", ",",
                                     " ", "-1", "99999999999999999999", "%s%n", "\t", "\xff"};
@@ -869,9 +908,10 @@ static void testExceptions(void)
 
 MAIN(modbusPlanTest)
 {
-    testPlan(COUNT(texts) + COUNT(badTexts) + COUNT(reads) + COUNT(writes) + 2 * COUNT(torn) + 29);
+    testPlan(COUNT(texts) + COUNT(badTexts) + COUNT(doubts) + COUNT(reads) + COUNT(writes) + 2 * COUNT(torn) + 29);
     testTexts();
     testBadTexts();
+    testDoubts();
     testRandomTexts();
     testLongText();
     testReads();
