@@ -67,6 +67,8 @@ def test_no_block_yet(pair):
 COUNTED = DB + """
 record(longin, "$(P)first") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT32") field(SCAN, "I/O Intr") field(FLNK, "$(P)count") }
 record(calc, "$(P)count") { field(INPA, "$(P)count") field(CALC, "A+1") }
+record(bi, "$(P)seen") { field(DTYP, "S7plc stat") field(INP, "@PLC") field(SCAN, "I/O Intr") field(FLNK, "$(P)times") }
+record(calc, "$(P)times") { field(INPA, "$(P)times") field(CALC, "A+1") }
 """
 
 
@@ -76,21 +78,41 @@ def test_processed_on_blocks_and_loss(new_peer, new_ioc):
     peer.power_off()
     ioc = new_ioc(peer.configure(recv_timeout=30000), COUNTED)
     ioc.wait_log("cannot connect")
+    ioc.wait_value("times", 1)  # "S7plc stat": once, for the PLC is not there
     peer.power_on()
     peer.wait_connected(1)
     ioc.process_record("stat")
     ioc.wait_value("stat", 1)
-    assert ioc.get("count") == 0
+    assert ioc.get("count") == 0 and ioc.get("times") == 1
     for number in range(1, 4):
         peer.send(block(number))
         ioc.wait_value("count", number)
+        ioc.wait_value("times", number + 1)
     assert ioc.get("first") == 3
     peer.hang_up()
     peer.wait_connected(2)
     assert ioc.get("count") == 4
     assert ioc.alarm("first")[2] == "connection closed by PLC"
+    ioc.wait_value("times", 5)
     peer.send(block(8))
     ioc.wait_value("count", 5)
+    ioc.wait_value("times", 6)
+
+
+def test_alarm_follows(new_peer, new_ioc):
+    """while the PLC stays away the alarm of an I/O Intr record follows the reason, and the record does not process"""
+    peer = new_peer(8, 4)
+    ioc = new_ioc(peer.configure(recv_timeout=30000), COUNTED)
+    peer.wait_connected()
+    peer.send(block(1))
+    ioc.wait_value("count", 1)
+    peer.hang_up()
+    peer.wait_connected(2)
+    ioc.wait_alarm("first", "INVALID", "COMM", "connection closed by PLC")
+    ioc.wait_value("count", 2)
+    peer.power_off()
+    ioc.wait_alarm("first", "INVALID", "COMM", "connection refused by PLC")
+    assert ioc.get("count") == 2
 
 
 def test_after_reconnect(pair):

@@ -51,8 +51,9 @@ def same_range(documented, printed):
 
 def test_options(new_ioc):
     """docs/options.md has each option that an IOC prints, with its range, its default and when it can be set"""
-    text = "".join(new_ioc("", "", program=program).command("s7plcSetOption")
-                   for program in ("s7plcIoc", "phoenixIoc"))
+    texts = [new_ioc("", "", program=program).command("s7plcSetOption") for program in ("s7plcIoc", "phoenixIoc")]
+    text = "".join(texts)
+    assert ["pingPeriod" in part for part in texts] == [False, True]  # where the IOC has that library
     printed, wrong = printed_options(text), []
     rows = table("options.md", "option", "allowed", "default")
     assert {row[0].split()[0] for row in rows} == set(printed)
@@ -64,6 +65,15 @@ def test_options(new_ioc):
                 or bool(early) != ("†" in name):
             wrong.append((name, allowed, default, printed[key]))
     assert not wrong
+
+
+def test_holdoff_of_wires(new_ioc):
+    """options.md: holdoff is 0.2 ms by default, and 0 over Modbus and EtherNet/IP"""
+    ioc = new_ioc('s7plcConfigure BLOCKS, "", 0, 4, 4\nmodbusplcConfigure MODBUS, "127.0.0.1", 1, 1, "", "holding 0 4"\n'
+                  'drvEtherIP_define_PLC EIP, "127.0.0.1:1", 0', "")
+    shown = {name: re.search(r"^  holdoff +(\S+) ", ioc.command(f"s7plcSetOption {name}"), re.M)[1]
+             for name in ("BLOCKS", "MODBUS", "EIP")}
+    assert shown == {"BLOCKS": "0.2", "MODBUS": "0", "EIP": "0"}
 
 
 # --- Types and links ------------------------------------------------------------------------------

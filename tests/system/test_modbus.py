@@ -1105,3 +1105,16 @@ def test_reports(new_modbus, new_ioc):
         assert "holding 7 to 16" in report and "holding 40 to 44" in report, report
     show = ioc.command("s7plcShow PLC")
     assert f"{ioc.P}in" in show and f"{ioc.P}out" in show
+
+
+def test_log_io(new_modbus, new_ioc):
+    """log=io: `in` is the input image whenever it is filled anew, `put` what a record has written, and there is no `out`"""
+    peer = new_modbus()
+    ioc = new_ioc(peer.configure("holding 0 2 every 50", "holding 20 2") + "\ns7plcSetOption PLC log io", AWAY)
+    ioc.wait_log("s7plc PLC: in    0: 00 00 00 00")
+    peer.holding[0] = 0x0102
+    ioc.wait_log("s7plc PLC: in    0: 01 02 00 00")
+    ioc.put("out", 7)
+    ioc.wait_log("s7plc PLC: put    0: 00 07")
+    until_equal(lambda: peer.holding[20], 7)
+    assert "s7plc PLC: out" not in ioc.log

@@ -115,6 +115,21 @@ def test_answers_twice(new_modbus, new_ioc):
     quiet(ioc)
 
 
+def test_at_most_100_bits(new_modbus, new_ioc):
+    """maxBits: no request for coils is longer, neither what reads nor what writes"""
+    plc = new_modbus(size=1000)
+    ioc = start(plc, new_ioc, "maxBits 100", inputs="coils 0 300 every 50", outputs="coils 400 320", db="""
+        record(bi, "$(P)last") { field(DTYP, "S7plc") field(INP, "@PLC/37 T=BYTE B=3") field(SCAN, "I/O Intr") }
+        record(aao, "$(P)all") { field(DTYP, "S7plc") field(OUT, "@PLC/0") field(FTVL, "UCHAR") field(NELM, "40") }
+        """)
+    plc.coils[299] = True
+    ioc.wait_value("last", 1)
+    ioc.put("all", [0x5A] * 40)
+    until_equal(lambda: [plc.coils[400 + i] for i in range(320)], [bool(0x5A >> i & 1) for i in range(8)] * 40)
+    assert plc.writes() and all(r.count <= 100 for r in plc.since())
+    assert max(r.count for r in plc.since()) > 90
+
+
 @pytest.mark.parametrize("option,offset", [("anyUnit", 6), ("anyTransaction", 1), ("loose", 6), ("loose", 1)])
 def test_wrong_numbers(new_modbus, new_ioc, option, offset):
     """check={option}: answers with another number in byte {offset} of the header are taken"""

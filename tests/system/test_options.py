@@ -123,6 +123,41 @@ def test_scan_changed(new_peer, new_ioc):
     peer.power_off()
     for i in (0, 50, 99):
         ioc.wait_alarm(f"i{i}", "INVALID", "COMM")
+    until(lambda: all(ioc.get(f"n{i}") > after[i] for i in range(100)), "a pass of all when the PLC is lost")
+    lost = [ioc.get(f"n{i}") for i in range(100)]
+    peer.power_on()
+    peer.wait_connected(2)
+    peer.send(block)
+    until(lambda: all(ioc.get(f"n{i}") > lost[i] for i in range(100)), "a pass of all with the first block")
+
+
+def test_scan_changed_and_disabled(new_peer, new_ioc):
+    """scan=changed: a record that was disabled while its bytes changed shows them with the next change, or by hand"""
+    peer = new_peer(8, 0)
+    ioc = new_ioc(peer.configure(recv_timeout=60000) + option("scan", "changed"), """
+        record(longin, "$(P)off") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT32") field(SCAN, "I/O Intr") }
+        record(longin, "$(P)on") { field(DTYP, "S7plc") field(INP, "@PLC/4 T=INT32") field(SCAN, "I/O Intr") }
+        """)
+    peer.wait_connected()
+
+    def send_both(off, on):
+        peer.send(struct.pack(">ii", off, on))
+        ioc.wait_value("on", on)
+    send_both(1, 1)
+    ioc.wait_value("off", 1)
+    ioc.put("off.DISA", 1)
+    send_both(2, 2)
+    ioc.put("off.DISA", 0)
+    send_both(2, 3)
+    send_both(2, 4)  # the pass of the block before is over
+    assert ioc.get("off") == 1
+    send_both(5, 5)
+    ioc.wait_value("off", 5)
+    ioc.put("off.DISA", 1)
+    send_both(6, 6)
+    ioc.put("off.DISA", 0)
+    ioc.process_record("off")
+    ioc.wait_value("off", 6)
 
 
 def test_whole_block(new_peer, new_ioc):
@@ -171,12 +206,13 @@ CLOCKS = {
 }
 
 
+@pytest.mark.parametrize("words", ["bytes", "low"])
 @pytest.mark.parametrize("kind", CLOCKS)
-def test_timestamp(new_peer, new_ioc, kind):
-    """timestamp: records with TSE=-2 carry the PLC's own time ({kind})"""
+def test_timestamp(new_peer, new_ioc, kind, words):
+    """timestamp: records with TSE=-2 carry the PLC's own time ({kind}), whatever wordOrder is ({words})"""
     peer = new_peer(16, 0)
-    ioc = new_ioc(peer.configure(recv_timeout=20000) + option("timestamp", f"4,{kind}"), """
-        record(longin, "$(P)in") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT32") field(SCAN, "I/O Intr") field(TSE, "-2") }
+    ioc = new_ioc(peer.configure(recv_timeout=20000) + option("timestamp", f"4,{kind}") + option("wordOrder", words), """
+        record(longin, "$(P)in") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT32 W=high") field(SCAN, "I/O Intr") field(TSE, "-2") }
         """)
     peer.wait_connected()
     peer.send((b"\0\0\0\x05" + CLOCKS[kind]).ljust(16, b"\0"))
@@ -215,14 +251,17 @@ def test_arrival_time(new_peer, new_ioc):
     assert before - 1 < stamp < after + 1
 
 
-def test_connect_timeout(new_ioc, black_hole):
-    """connectTimeout: an attempt that gets no answer is given up after that time, and said once"""
+@pytest.mark.parametrize("ms, attempts", [(100, 5), (2000, 3)])
+def test_connect_timeout(new_ioc, black_hole, ms, attempts):
+    """connectTimeout={ms}: an attempt that gets no answer is given up after that time, not before, and said once"""
+    begin = time.monotonic()
     ioc = new_ioc(f's7plcConfigure("PLC", "127.0.0.1", {black_hole.port}, 4, 0, 1, 2000, 100)'
-                  + option("connectTimeout", 100), IN)
+                  + option("connectTimeout", ms), IN)
     ioc.wait_log("does not answer")
     ioc.wait_alarm("in", "INVALID", "COMM", "does not answer", ask=True)
-    until(lambda: int(ioc.command("s7plcReport PLC").split(" failed")[0].split()[-1]) >= 5,
-          "five attempts")
+    until(lambda: int(ioc.command("s7plcReport PLC").split(" failed")[0].split()[-1]) >= attempts,
+          f"{attempts} attempts")
+    assert time.monotonic() - begin >= attempts * ms / 1000
     assert ioc.log_count("cannot connect") == 1
 
 
@@ -344,16 +383,32 @@ def test_log_refused(new_peer, new_ioc):
     ioc.wait_log("s7plc PLC: put    4: 01 F4 refused: connection refused by PLC")
 
 
-def test_log_levels(new_peer, new_ioc):
-    """log=error leaves out what is no trouble"""
+@pytest.mark.parametrize("level", ["error", "warning", "info"])
+def test_log_levels(new_peer, new_ioc, level):
+    """log={level}: a loss is told; that a connection was made only with info"""
     peer = new_peer(4, 0)
-    ioc = new_ioc(peer.configure(recv_timeout=60000) + option("log", "error"), IN)
+    ioc = new_ioc(peer.configure(recv_timeout=60000) + option("log", level), IN)
     peer.wait_connected()
     send(peer, 1)
     ioc.wait_value("in", 1)
     peer.hang_up()
     ioc.wait_log("s7plc PLC: disconnected: connection closed by PLC")
-    assert ioc.log_count("connected to 127.0.0.1") == 0
+    if level == "info":
+        ioc.wait_log("s7plc PLC: connected to 127.0.0.1")
+    assert (ioc.log_count("connected to 127.0.0.1") > 0) == (level == "info")
+
+
+def test_log_of_a_large_block(new_peer, new_ioc):
+    """log=io: of a large block the first 1024 bytes, of each block, however many lines that are"""
+    peer = new_peer(2000, 0)
+    ioc = new_ioc(peer.configure(recv_timeout=60000) + option("log", "io"), IN)
+    peer.wait_connected()
+    for number in range(1, 4):
+        send(peer, number)
+        ioc.wait_value("in", number)
+    until(lambda: ioc.log_count("s7plc PLC: in 1024: ... 976 bytes more") == 3, "the last line of three blocks")
+    assert len(re.findall(r"s7plc PLC: in +\d+:(?: [0-9A-F]{2}){16}$", ioc.log, re.M)) == 3 * 64
+    assert "more messages" not in ioc.log
 
 
 def test_debug_variable(new_peer, new_ioc):

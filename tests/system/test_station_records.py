@@ -151,6 +151,26 @@ def test_quiet(load):
         posts.close()
 
 
+def test_shapes(load):
+    """BlockTime and histograms are posted when the state changes and each 300 s; Live ends after 600 s"""
+    sim, ioc = load(["s7plcStation.db"])
+    ioc.wait_value("State", 3)
+    shapes = [ioc.P + name for name in ("BlockTime", "PeriodHistogram")]
+    posts = Posts(shapes)
+    try:
+        until(lambda: all(posts.count[name] for name in shapes))
+        for cause in (lambda: ioc.put("LiveTick.E", 299), lambda: sim.command("unplug")):
+            blocks = ioc.get("BlocksIn")
+            until(lambda: ioc.get("BlocksIn") > blocks + 20)  # or the time of the last one is what it was
+            before = collections.Counter(posts.count)
+            cause()
+            until(lambda: all(posts.count[name] > before[name] for name in shapes), lambda: f"{posts.count} {before} {ioc.text('BlockTime')} {ioc.get('LiveTick.E')} {ioc.get('State')}")
+    finally:
+        posts.close()
+    assert ioc.get("Live.HIGH") == 600 and ioc.text("LiveTick.SCAN") == "1 second"
+    assert ">=300;" in ioc.text("LiveTick.CALC")
+
+
 def test_reason(load):
     """the alarm of State says why, and when data was lost is known"""
     sim, ioc = load(["s7plcStationSmall.db"])
@@ -200,7 +220,7 @@ def test_macros(load):
 
 
 def test_archived():
-    """State, Reconnects and Jitter have info(archive, ...), and the how-tos count the records right"""
+    """State, Reconnects and Jitter have info(archive, ...), what has limits info(autosaveFields, ...), and the how-tos count the records right"""
     counts = {}
     for file in ("s7plcStation.db", "s7plcStationSmall.db", "s7plcStatus.template"):
         text = (TOP / "db" / file).read_text()
@@ -208,6 +228,8 @@ def test_archived():
         counts[file] = len(records)
         if file == "s7plcStation.db":
             archived = {re.search(r"N_(\w+)", record)[1] for record in records if "info(archive, " in record}
+            limits = [record for record in records if "_HIGH=" in record]
+            assert len(limits) > 5 and all('info(autosaveFields, "' in record for record in limits)
     assert {"State", "Reconnects", "Jitter"} <= archived and len(archived) < counts["s7plcStation.db"] / 2
     text = " ".join((TOP / "docs/howto/many-plcs.md").read_text().split())
     assert abs(int(re.search(r"some (\d+) records a PLC", text)[1]) - counts["s7plcStation.db"]) < 5

@@ -1,8 +1,11 @@
 """The templates of s7plcApp/Db: each loads with few macros and does what it says."""
+import datetime
+import re
 import struct
 
 import pytest
 
+from client import TOP
 from waiting import until
 
 # template: (macros, byte offset it reads or writes, bytes, the record's value)
@@ -107,7 +110,20 @@ def test_time(load):
 
     def numbers(block):
         return [int(f"{b:x}") for b in block[4:10]]
-    year, month, day, hour, minute, second = numbers(blocks[-1])
-    assert year >= 24 and 1 <= month <= 12 and 1 <= day <= 31
-    assert hour < 24 and minute < 60 and second < 60
+    year, *rest = numbers(blocks[-1])
+    assert abs(datetime.datetime(2000 + year, *rest) - datetime.datetime.now()) < datetime.timedelta(hours=1)
     assert numbers(blocks[-1]) > numbers(blocks[-2])
+
+
+@pytest.mark.parametrize("name", sorted(file.name for file in (TOP / "s7plcApp/Db").glob("*.template")))
+def test_macros_are_explained(name):
+    """{name} explains each of its macros at its head, or names the template that does"""
+    head, text = "", (TOP / "db" / name).read_text()
+    for line in text.splitlines():
+        if not line.startswith("#"):
+            break
+        head += line + "\n"
+    for other in re.findall(r"as in (\w+\.template)", head):
+        head += (TOP / "db" / other).read_text().split("\nrecord")[0]
+    used = set(re.findall(r"\$\((\w+)", re.sub(r"^#.*$", "", text, flags=re.M)))
+    assert used and not [macro for macro in used if not re.search(rf"^#.*\b{macro}\b", head, re.M)]

@@ -76,6 +76,39 @@ def test_named(tmp_path, place):
         assert f"EPICS_BASE = {BASE}" in (tree / "configure/RELEASE.local").read_text()
 
 
+def traps(folder, **scripts):
+    """PATH with programs of these names in front; each writes its words into folder/called, then does as its script says."""
+    folder.mkdir()
+    for name, script in scripts.items():
+        (folder / name).write_text(f'#!/bin/sh\necho {name} "$@" >>{folder}/called\n{script}\n')
+        (folder / name).chmod(0o755)
+    return f"{folder}:{os.environ['PATH']}"
+
+
+def called(folder):
+    return (folder / "called").read_text().splitlines() if (folder / "called").exists() else []
+
+
+@pytest.mark.parametrize("there", [False, True], ids=["missing", "there"])
+def test_setup(tmp_path, there):
+    """what the demonstrations call installs the Debian packages that are {id}, and takes the EPICS Base of its cache"""
+    tree, cache = copy(tmp_path / "tree"), tmp_path / "cache"
+    base = cache / f"epics-base-7-{os.uname().machine}-r1"
+    base.mkdir(parents=True)
+    (base / ".complete").touch()
+    path = traps(tmp_path / "traps", **{"dpkg-query": "echo install ok installed" if there else "exit 1",
+                                        "apt-get": "", "sudo": 'exec "$@"'})
+    env = {k: v for k, v in os.environ.items() if k != "EPICS_BASE"}
+    ended = subprocess.run([tree / "configure/setup.sh", "base"], text=True, capture_output=True, timeout=60,
+                           env={**env, "PATH": path, "PLCLINK_CACHE": str(cache)})
+    assert ended.returncode == 0, ended.stderr
+    installed = [line for line in called(tmp_path / "traps") if line.startswith("apt-get")]
+    assert installed == ([] if there else [
+        "apt-get update",
+        "apt-get install -y --no-install-recommends build-essential perl libmodbus-dev pkg-config"])
+    assert f"EPICS_BASE = {base}\n" in (tree / "configure/RELEASE.local").read_text()
+
+
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
     """A copy of the tree as it was built: other tests run the programs of the tree itself."""
@@ -83,6 +116,17 @@ def built(tmp_path_factory):
     shutil.copytree(TOP, tree, symlinks=True, ignore=shutil.ignore_patterns(".git", "html", "O.site"))
     yield tree
     shutil.rmtree(tree)
+
+
+def test_plain_make(tmp_path, built, no_sanitizer):
+    """plain make where an EPICS Base is named builds, and asks nothing that installs or downloads"""
+    names = ("apt-get", "apt", "dpkg", "dpkg-query", "sudo", "pip", "pip3", "curl", "wget", "git")
+    path = traps(tmp_path / "traps", **{name: "exit 1" for name in names})
+    program = built / "bin" / ARCH / "plcSim"
+    program.unlink()
+    run = make(built, "-s", PATH=path, PLCLINK_CACHE=str(tmp_path / "cache"))
+    assert run.returncode == 0 and program.exists(), run.stderr
+    assert called(tmp_path / "traps") == [] and not (tmp_path / "cache").exists()
 
 
 def test_without_asyn(built):

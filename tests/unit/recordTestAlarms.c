@@ -385,6 +385,8 @@ static void testOff(void)
     epicsTimeStamp start, stamp;
     char address[40], error[200];
     plcStation *live, *dead;
+    unsigned short port;
+    SOCKET server;
 
     iocBegin();
     live = makeStation("P", 1, BLOCK, BLOCK);
@@ -432,9 +434,18 @@ static void testOff(void)
     isField("Bad", "STAT", "LINK", "has a bad link now");
     start = timeNow("Bad");
     testOk(epicsTimeGreaterThan(&start, &stamp), "that alarm has a time of its own");
+
+    server = listenLocal(&port);
+    epicsSnprintf(address, sizeof(address), "127.0.0.1:%u", port);
+    plcStationMove(dead, address, error, sizeof(error));
+    waitReason("In", "connected, waiting for first block");
+    isAlarm("In", "INVALID", "COMM", "connected, waiting for first block",
+            "when that is the reason");
+    isValue("Chain", "0", "nor for a reason that changes");
     publish(dead, block, 1);
     put("In.PROC", "1");
     isAlarm("In", "NO_ALARM", "NO_ALARM", "", "with a block");
+    epicsSocketDestroy(server);
     iocEnd();
 }
 
@@ -466,6 +477,7 @@ static void testConnection(void)
     makeConnected("P", port);
     makeRecord("bi", "Stat", "INP=@P|DTYP=S7plc stat|SCAN=I/O Intr");
     makeRecord("stringout", "Addr", "OUT=@P|DTYP=S7plc addr");
+    makeRecord("stringout", "OwnAddr", "OUT=@P|DTYP=S7plc addr|VAL=10.0.0.1:2000");
     makeRecord("ai", "In", "INP=@P/0|SCAN=I/O Intr");
     makeRecord("ao", "Out", "OUT=@P/0");
     makeRecord("ao", "Pini", "OUT=@P/2|VAL=7|PINI=YES");
@@ -479,6 +491,7 @@ static void testConnection(void)
     epicsSnprintf(address, sizeof(address), "127.0.0.1:%u", port);
     isValue("Addr", address, "S7plc addr shows the address of s7plcConfigure");
     isField("Addr", "SEVR", "NO_ALARM", "is defined from the start");
+    isValue("OwnAddr", "10.0.0.1:2000", "unless the database has set one");
 
     plc = epicsSocketAccept(server, NULL, NULL);
     receive(plc, sent);
@@ -582,7 +595,7 @@ static void testHeldUp(void)
 
 MAIN(recordTestAlarms)
 {
-    testPlan((int)(IN_TESTS * COUNT(inputs) + 6 + 6 * COUNT(outputs) + 11 + 7 + 17 + 13 +
+    testPlan((int)(IN_TESTS * COUNT(inputs) + 6 + 6 * COUNT(outputs) + 11 + 7 + 19 + 14 +
                    3));
     testHeldUp(); /* first: what else holds a thread up may be said as well */
     testInputs();

@@ -141,6 +141,43 @@ static void isNow(const char *pv, const char *expected, const char *title)
     isValue(pv, expected, title);
 }
 
+#define COUNTER(name) {#name, offsetof(plcStats, name)}
+
+/* What other tests see counted in plcStats is what the statistic of that name shows. */
+static const struct {
+    const char *name;
+    size_t at;
+} counters[] = {
+    COUNTER(blocksIn),      COUNTER(blocksOut),      COUNTER(bytesIn),       COUNTER(bytesOut),
+    COUNTER(skipped),       COUNTER(coalesced),      COUNTER(ignored),       COUNTER(heartbeats),
+    COUNTER(slowSends),     COUNTER(refusedWrites),  COUNTER(doubts),        COUNTER(outOfStep),
+    COUNTER(sizeMismatches), COUNTER(connects),      COUNTER(connectErrors), COUNTER(clockErrors),
+    COUNTER(putsDropped),   COUNTER(requests),       COUNTER(exceptions),    COUNTER(requestTimeouts),
+    COUNTER(syncs),         COUNTER(syncsLost),      COUNTER(layoutMismatches), COUNTER(readbacks),
+    COUNTER(mapDownloads),  COUNTER(mapRefusals),
+};
+
+static void testCounters(plcStation *s)
+{
+    plcStatValue value;
+    plcStats before;
+    size_t i;
+
+    epicsMutexMustLock(s->lock);
+    before = s->stats;
+    for (i = 0; i < COUNT(counters); i++)
+        *(epicsUInt64 *)((char *)&s->stats + counters[i].at) = 1000 + i;
+    epicsMutexUnlock(s->lock);
+    for (i = 0; i < COUNT(counters); i++) {
+        plcStatGet(plcStatFind(counters[i].name, plcStatNumber), s, &value);
+        testOk(value.integer == (epicsInt64)(1000 + i), "%s is the counter of its name",
+               counters[i].name);
+    }
+    epicsMutexMustLock(s->lock);
+    s->stats = before;
+    epicsMutexUnlock(s->lock);
+}
+
 static void testValues(plcStation *s, int *listener, int *fd)
 {
     char block[IN] = {0}, address[60], error[200], out[OUT], expected[80];
@@ -402,6 +439,7 @@ static void runGood(void)
                        "P=T:,PLC=P");
     iocRunOk();
     checkAll();
+    testCounters(s);
     testValues(s, &listener, &fd);
     testTemplate();
     testLinks();
@@ -414,7 +452,8 @@ static void runGood(void)
 
 MAIN(recordTestStats)
 {
-    testPlan((int)combinations() + 2 * (int)COUNT(refused) + 62 + (int)COUNT(types));
+    testPlan((int)combinations() + 2 * (int)COUNT(refused) + 62 + (int)COUNT(types) +
+             (int)COUNT(counters));
     testManual();
     runRefused();
     runGood();

@@ -65,6 +65,10 @@ static const struct {
     {"S7STRING",
      {"0603534f53000000", "0603534f53000000", "0603534f53000000", "0603534f53000000"},
      "SOS", "", ""},
+    {"BCD16", {"0281", "8102", "0281", "8102"}, "8102", "8102", ""},
+    {"BCD32", {"04030281", "81020304", "02810403", "03048102"}, "81020304", "81020304", ""},
+    {"SM16", {"0281", "8102", "0281", "8102"}, "-258", "-258", ""},
+    {"SBCD16", {"0281", "8102", "0281", "8102"}, "-102", "-102", ""},
 };
 
 /* y: allowed, in the order of `types`. */
@@ -73,24 +77,24 @@ static const struct {
     const char *allowed;
     const char *fields;
 } records[] = {
-    /*              INT8-32  64 REALs S T S7 */
-    {"ai",         "yyyyyy" "--" "yy" "---", ""},
-    {"ao",         "yyyyyy" "--" "yy" "---", ""},
-    {"calcout",    "yyyyyy" "--" "yy" "---", "|CALC=A"},
-    {"bi",         "yyyyyy" "yy" "--" "---", ""},
-    {"bo",         "yyyyyy" "yy" "--" "---", ""},
-    {"mbbi",       "yyyyyy" "--" "--" "---", "|NOBT=4"},
-    {"mbbo",       "yyyyyy" "--" "--" "---", "|NOBT=4"},
-    {"mbbiDirect", "yyyyyy" "--" "--" "---", "|NOBT=4"},
-    {"mbboDirect", "yyyyyy" "--" "--" "---", "|NOBT=4"},
-    {"longin",     "yyyyyy" "--" "--" "---", ""},
-    {"longout",    "yyyyyy" "--" "--" "---", ""},
-    {"int64in",    "yyyyyy" "yy" "--" "--", ""},
-    {"int64out",   "yyyyyy" "yy" "--" "--", ""},
-    {"stringin",   "------" "--" "--" "y-y", ""},
-    {"stringout",  "------" "--" "--" "y-y", ""},
-    {"lsi",        "------" "--" "--" "y-y", "|SIZV=40"},
-    {"lso",        "------" "--" "--" "y-y", "|SIZV=40"},
+    /*              INT8-32  64 REALs S T S7, BCD16 BCD32 SM16 SBCD16 */
+    {"ai",         "yyyyyy" "--" "yy" "---" "yyyy", ""},
+    {"ao",         "yyyyyy" "--" "yy" "---" "yyyy", ""},
+    {"calcout",    "yyyyyy" "--" "yy" "---" "yyyy", "|CALC=A"},
+    {"bi",         "yyyyyy" "yy" "--" "---" "----", ""},
+    {"bo",         "yyyyyy" "yy" "--" "---" "----", ""},
+    {"mbbi",       "yyyyyy" "--" "--" "---" "----", "|NOBT=4"},
+    {"mbbo",       "yyyyyy" "--" "--" "---" "----", "|NOBT=4"},
+    {"mbbiDirect", "yyyyyy" "--" "--" "---" "----", "|NOBT=4"},
+    {"mbboDirect", "yyyyyy" "--" "--" "---" "----", "|NOBT=4"},
+    {"longin",     "yyyyyy" "--" "--" "---" "yyyy", ""},
+    {"longout",    "yyyyyy" "--" "--" "---" "yyyy", ""},
+    {"int64in",    "yyyyyy" "yy" "--" "---" "yyyy", ""},
+    {"int64out",   "yyyyyy" "yy" "--" "---" "yyyy", ""},
+    {"stringin",   "------" "--" "--" "y-y" "----", ""},
+    {"stringout",  "------" "--" "--" "y-y" "----", ""},
+    {"lsi",        "------" "--" "--" "y-y" "----", "|SIZV=40"},
+    {"lso",        "------" "--" "--" "y-y" "----", "|SIZV=40"},
 };
 
 /* Arrays of two elements (of eight, texts and TIME). */
@@ -98,18 +102,18 @@ static const struct {
     const char *ftvl;
     const char *allowed;
 } arrays[] = {
-    /*       8    16   32   64   REALs S T S7 */
-    {"CHAR",   "yy" "--" "--" "--" "--" "yyy"},
-    {"UCHAR",  "yy" "--" "--" "--" "--" "yyy"},
-    {"SHORT",  "--" "yy" "--" "--" "--" "---"},
-    {"USHORT", "--" "yy" "--" "--" "--" "---"},
-    {"LONG",   "--" "--" "yy" "--" "--" "---"},
-    {"ULONG",  "--" "--" "yy" "--" "--" "---"},
-    {"INT64",  "--" "--" "--" "yy" "--" "---"},
-    {"UINT64", "--" "--" "--" "yy" "--" "---"},
-    {"FLOAT",  "--" "--" "--" "--" "y-" "---"},
-    {"DOUBLE", "--" "--" "--" "--" "-y" "---"},
-    {"STRING", "--" "--" "--" "--" "--" "---"},
+    /*       8    16   32   64   REALs S T S7, BCD16 ... */
+    {"CHAR",   "yy" "--" "--" "--" "--" "yyy" "----"},
+    {"UCHAR",  "yy" "--" "--" "--" "--" "yyy" "----"},
+    {"SHORT",  "--" "yy" "--" "--" "--" "---" "----"},
+    {"USHORT", "--" "yy" "--" "--" "--" "---" "----"},
+    {"LONG",   "--" "--" "yy" "--" "--" "---" "----"},
+    {"ULONG",  "--" "--" "yy" "--" "--" "---" "----"},
+    {"INT64",  "--" "--" "--" "yy" "--" "---" "----"},
+    {"UINT64", "--" "--" "--" "yy" "--" "---" "----"},
+    {"FLOAT",  "--" "--" "--" "--" "y-" "---" "----"},
+    {"DOUBLE", "--" "--" "--" "--" "-y" "---" "----"},
+    {"STRING", "--" "--" "--" "--" "--" "---" "----"},
 };
 static const char *const arrayRecords[] = {"waveform", "aai", "aao"};
 
@@ -303,7 +307,7 @@ static void visit(plcStation *station, int order, epicsUInt8 *block)
                     continue;
                 }
                 epicsSnprintf(fields, sizeof(fields), "|FTVL=%s|NELM=%d", arrays[a].ftvl,
-                              type >= 10 ? 8 : 2);
+                              type >= 10 && type <= 12 ? 8 : 2);
                 makeOne(arrayRecords[r], arrays[a].ftvl, type, order, slot, fields);
                 fillSlot(block, slot, type, order);
             }

@@ -50,8 +50,12 @@ static const struct {
      "LINR=LINEAR|EGUL=0|EGUF=10|ASLO=2|AOFF=5", "000a", "VAL", "2.5"},
     {"ai SLOPE uses ESLO and EOFF as given", "ai", "", "LINR=SLOPE|ESLO=3|EOFF=1", "0002",
      "VAL", "7"},
-    {"ai NO CONVERSION uses ASLO and AOFF", "ai", "", "ASLO=0.5|AOFF=100", "0004", "VAL",
-     "102"},
+    {"ai SLOPE: ((RVAL + ROFF) * ASLO + AOFF) * ESLO + EOFF", "ai", "",
+     "LINR=SLOPE|ROFF=2|ASLO=5|AOFF=7|ESLO=3|EOFF=1", "0004", "VAL", "112"},
+    {"ai UINT32: ((RVAL + ROFF) * ASLO + AOFF) * ESLO + EOFF", "ai", " T=DWORD",
+     "LINR=SLOPE|ROFF=2|ASLO=5|AOFF=7|ESLO=3|EOFF=1", "80000000", "VAL", "32212254772"},
+    {"ai NO CONVERSION uses ASLO and AOFF", "ai", "", "ASLO=0.5|AOFF=100|ESLO=7|EOFF=9", "0004",
+     "VAL", "102"},
     {"ai adds ROFF", "ai", "", "ROFF=3", "0004", "VAL", "7"},
     {"ai UINT32 stays positive", "ai", " T=UINT32", "", "ffffffff", "VAL", "4294967295"},
     {"ai UINT32 at the edge of 31 bits", "ai", " T=UINT32", "", "80000000", "VAL",
@@ -65,6 +69,8 @@ static const struct {
     {"ai UINT32 goes through a breakpoint table", "ai", " T=DWORD", "LINR=typeKdegC",
      "00000000",
      "VAL", "0"},
+    {"ai goes through a breakpoint table instead of ESLO and EOFF", "ai", " T=WORD",
+     "LINR=typeKdegC|ASLO=0.01|AOFF=-0.0013|ESLO=7|EOFF=9", "74e7", "VAL", "74.0"},
     {"ai beyond its breakpoint table has a SOFT alarm", "ai", " T=DWORD", "LINR=typeKdegC",
      "ffffffff", "STAT", "SOFT"},
     {"ai float goes to VAL as it is", "ai", " T=FLOAT", "", "c0490fdb", "VAL",
@@ -242,6 +248,10 @@ static const struct {
      "LINR=LINEAR|EGUL=0|EGUF=10|ASLO=2|AOFF=5", "VAL", "2.5", "", "000a"},
     {"ao SLOPE uses ESLO and EOFF as given", "ao", "", "LINR=SLOPE|ESLO=3|EOFF=1", "VAL",
      "7", "", "0002"},
+    {"ao SLOPE: ((OVAL - EOFF) / ESLO - AOFF) / ASLO - ROFF", "ao", "",
+     "LINR=SLOPE|ROFF=2|ASLO=5|AOFF=7|ESLO=3|EOFF=1", "VAL", "112", "", "0004"},
+    {"ao NO CONVERSION uses ASLO and AOFF", "ao", "", "ASLO=0.5|AOFF=100|ESLO=7|EOFF=9", "VAL",
+     "102", "", "0004"},
     {"ao UINT8 stops at 0", "ao", " T=BYTE", "", "VAL", "-1", "ff", "00"},
     {"ao UINT8 stops at 255", "ao", " T=BYTE", "", "VAL", "300", "", "ff"},
     {"ao INT8 stops at -127", "ao", " T=INT8", "", "VAL", "-128", "", "81"},
@@ -300,6 +310,7 @@ static const struct {
      "", "ffffffff"},
     {"calcout writes nothing for NaN", "calcout", "", "CALC=A", "A", "nan", "1234",
      "1234"},
+    {"calcout float writes NaN", "calcout", " T=FLOAT", "CALC=A", "A", "nan", "", "7fc00000"},
     {"calcout float", "calcout", " T=FLOAT", "CALC=A", "A", "0.5", "", "3f000000"},
     /* bits */
     {"bo sets its bit, the others stay", "bo", " B=4", "", "VAL", "1", "a5a5", "a5b5"},
@@ -439,6 +450,10 @@ static void testSteps(plcStation *station, epicsUInt8 *block)
     publish(station, block, 2);
     put("smooth.PROC", "1");
     isValue("smooth", "111", "ai float smooths with SMOO after ASLO and AOFF");
+    unhex("0014", block + 8);
+    publish(station, block, 3);
+    put("smoothInt.PROC", "1");
+    isValue("smoothInt", "15", "ai integer smooths with SMOO");
 
     put("linear.LINR", "LINEAR");
     put("linear.PROC", "1");
@@ -450,6 +465,15 @@ static void testSteps(plcStation *station, epicsUInt8 *block)
     put("array", "1,2,3");
     put("array", "9");
     isOutput(station, 0, "000900020003", "aao keeps what was behind a shorter put");
+
+    put("cut", "1e9");
+    isOutput(station, 48, "0064", "ao stops at H");
+    isValue("cut", "1000000000", "and keeps VAL as it was put");
+    isValue("cut.RVAL", "1000000000", "and RVAL");
+
+    put("part", "1,2,3,4");
+    put("part.PROC", "1");
+    isValue("part", "5,6,3,4", "waveform T=STRING L=2 leaves the elements behind L as they are");
 
     isValue("keep", "7", "ao keeps VAL at init");
     isValue("keepBo", "1", "bo keeps VAL at init");
@@ -467,6 +491,9 @@ static void makeSteps(epicsUInt8 *block)
     makeRecord("ai", "smoothInt", "INP=@S/8|SMOO=0.5|PINI=YES");
     makeRecord("ai", "linear", "INP=@S/4 T=DWORD L=0 H=100|EGUL=0|EGUF=100");
     makeRecord("aao", "array", "OUT=@S/0|FTVL=SHORT|NELM=3");
+    makeRecord("ao", "cut", "OUT=@S/48 L=-100 H=100");
+    unhex("0506", block + 12);
+    makeRecord("waveform", "part", "INP=@S/12 T=STRING L=2|FTVL=CHAR|NELM=4");
     makeRecord("ao", "keep", "OUT=@S/40|VAL=7");
     makeRecord("bo", "keepBo", "OUT=@S/42|VAL=1");
     makeRecord("mbbo", "keepMbbo", "OUT=@S/44|VAL=3|NOBT=4|SHFT=4");
@@ -478,7 +505,7 @@ MAIN(recordTestValues)
     plcStation *station, *stepStation;
     size_t i;
 
-    testPlan(INPUTS + OUTPUTS + 11);
+    testPlan(INPUTS + OUTPUTS + 16);
     iocBegin();
     station = makeStation("P", 1, sizeof(block), OUTPUTS * SLOT);
     stepStation = makeStation("S", 1, sizeof(steps), 64);

@@ -240,15 +240,20 @@ static void testC(void)
     epicsInt32 values[2] = {0x10000, 1}, got[2] = {0};
     epicsUInt32 mask = 0xFFFF0000u;
     epicsInt64 wide = 0x0102030405060708LL;
+    char name[] = "L";
 
     testOk(s7plcReadArray(stationL, 16, 4, 2, got) == S7PLC_OK && got[0] == 0x10000 &&
                got[1] == 1,
            "s7plcReadArray reads in the order of the PLC");
+    testOk(s7plcOpen(name) == stationL, "s7plcOpen finds the PLC");
     s7plcWriteArray(stationL, 0, 4, 2, values);
     isOutput(stationL, 0, "0000000100010000", "s7plcWriteArray writes in it");
     setOutput(stationL, 0, "ffffffff");
     s7plcWriteMasked(stationL, 0, 4, &values[0], &mask);
     isOutput(stationL, 0, "ffff0001", "s7plcWriteMasked knows the bits");
+    setOutput(stationL, 0, "ffffffffffffffff");
+    s7plcWriteMaskedArray(stationL, 0, 4, 2, values, &mask);
+    isOutput(stationL, 0, "ffff0001ffff0000", "s7plcWriteMaskedArray in each element");
     s7plcWrite(stationL, 0, 8, &wide);
     isOutput(stationL, 0, "0708050603040102", "8 bytes");
     s7plcWrite(stationM, 0, 8, &wide);
@@ -262,7 +267,7 @@ MAIN(recordTestWords)
     char name[40], error[200];
     size_t i;
 
-    testPlan((int)(COUNT(inputs) + COUNT(outputs) + COUNT(links) + 3 + 7 + 5 + 1));
+    testPlan((int)(COUNT(inputs) + COUNT(outputs) + COUNT(links) + 3 + 7 + 7 + 1));
     iocBegin();
     makeStations();
     for (i = 0; i < COUNT(inputs); i++) {
