@@ -65,6 +65,11 @@ def test_mistakes_of_the_tutorial(tutorial):
         csv.writer(f, lineterminator="\n").writerows(rows)
     err = plcmap("check", tutorial).err
     assert re.search(r'map.csv:6:3: type: unknown type "REEL" \(did you mean REAL\?\); allowed: BOOL', err)
+    rows[5][2] = "REAL"
+    with open(tutorial / "map.csv", "w", newline="") as f:
+        csv.writer(f, lineterminator="\n").writerows(rows)
+    told = "tx: byte %s is taken by line 6 (Tank.Temp); leave it blank, then `plcmap place` finds a free place\n" % tx
+    assert "map.csv:7:5: " + told in plcmap("check", tutorial).err and told in TEXT
 
 
 @pytest.mark.parametrize("sheet", columns.SHEETS)

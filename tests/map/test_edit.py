@@ -185,6 +185,18 @@ def test_diff(tmp_path):
     assert plcmap("diff", old, old).out.startswith("layout id: ")
 
 
+def test_diff_of_sheets(tmp_path):
+    """diff tells what became of keys, types and enums, too"""
+    old = example.write(tmp_path / "old")
+    new = example.write(tmp_path / "new", plc=example.PLC.replace("prefix,tank:", "prefix,t:"),
+                        enums=example.ENUMS.replace("manual", "by hand").replace(",2,auto,\n", ""),
+                        types=example.TYPES.replace("position", "place") + ",More,INT,,,,,,\n")
+    lines = plcmap("diff", old, new).out.splitlines()
+    assert [line for line in lines if "layout id" not in line] == [
+        "plc prefix: t:, was tank:", "* type VALVE.Pos desc: place, was position", "+ type VALVE.More",
+        "- enum MODE.2", "* enum MODE.1 text: by hand, was manual"]
+
+
 def edited(text, changes):
     for before, after in changes:
         assert before in text
