@@ -69,6 +69,8 @@ static const struct {
     {"ai UINT32 goes through a breakpoint table", "ai", " T=DWORD", "LINR=typeKdegC",
      "00000000",
      "VAL", "0"},
+    {"ai UINT32 takes the middle of a piece of its breakpoint table", "ai", " T=DWORD",
+     "LINR=typeKdegC|ASLO=0.01|AOFF=-0.50565|ESLO=7|EOFF=9", "00003aa6", "VAL", "37.0"},
     {"ai goes through a breakpoint table instead of ESLO and EOFF", "ai", " T=WORD",
      "LINR=typeKdegC|ASLO=0.01|AOFF=-0.0013|ESLO=7|EOFF=9", "74e7", "VAL", "74.0"},
     {"ai beyond its breakpoint table has a SOFT alarm", "ai", " T=DWORD", "LINR=typeKdegC",
