@@ -265,10 +265,10 @@ def test_again(tmp_path):
     assert (tmp_path / "into" / "map.csv").read_bytes() == before
 
 
-def hand(folder, symbol, **cells):
+def hand(folder, of, **cells):
     found = rows(folder)
     for r in found:
-        if r["symbol"] == symbol:
+        if r["symbol"] == of:
             r.update(cells)
     with open(folder / "map.csv", "w", newline="", encoding="utf-8") as f:
         writer = csv.DictWriter(f, found[0].keys(), lineterminator="\n")
@@ -301,6 +301,21 @@ def test_renamed_retyped_moved(tmp_path):
     assert found["Velo"]["tx"] == "4" and found["Velo"]["hihi"] == "9"
     _, result = imported(tmp_path, data.replace(b"INT ", b"WORD"))
     assert "retyped: Velo WORD, was INT" in result.out and "is given up" in result.out
+
+
+def test_named(tmp_path):
+    """a row written by hand without a symbol gets that of its address; two of one symbol are no end"""
+    folder = tmp_path / "into"
+    imported(tmp_path, forms.FORMS["asc"])
+    hand(folder, "Speed", symbol="", tx="4")
+    _, result = imported(tmp_path, forms.FORMS["asc"])
+    assert "renamed: a row without a symbol is Speed now (MW10)" in result.out
+    assert next(r for r in rows(folder) if r["symbol"] == "Speed")["tx"] == "4"
+    hand(folder, "Speed", symbol="Same")
+    hand(folder, "Start", symbol="Same")
+    _, result = imported(tmp_path, forms.FORMS["asc"])
+    assert "renamed: Same is Speed now (MW10)" in result.out and "renamed: Same is Start now" in result.out
+    assert sorted(r["symbol"] for r in rows(folder)) == ["Speed", "Start"]
 
 
 def test_vanished(tmp_path):

@@ -294,9 +294,10 @@ class Merge:
         other = self.by_plc.get(row.plc.upper()) if row.plc else None
         if other is not None and other.get("symbol") not in wanted and \
                 row.plc != row.symbol and other.get("type") == row.type:
-            self.lines.append("renamed: %s is %s now (%s)" % (other.get("symbol"), row.symbol,
-                                                              row.plc))
-            del self.by_symbol[other.get("symbol")]
+            before = other.get("symbol")
+            self.lines.append("renamed: %s is %s now (%s)" % (before or "a row without a symbol",
+                                                              row.symbol, row.plc))
+            self.by_symbol.pop(before, None)
             other.cells["symbol"] = row.symbol
             self.by_symbol[row.symbol] = other
             self.counts["changed"] += 1
