@@ -109,11 +109,7 @@ static int listed(eipConnect *c, eipReader *r, epicsUInt32 status, char *why, si
         item = eipTake(r, length);
         if (item && length <= listServicesHead)
             item = NULL; /* too short to say anything */
-        if (item && item[listServicesHead] & canTcp) {
-            advance(c, eipStepRegister);
-            return 0;
-        }
-        if (item) {
+        if (item && !(item[listServicesHead] & canTcp)) {
             epicsSnprintf(why, size, "no CIP over TCP there");
             return -1;
         }

@@ -203,7 +203,6 @@ PLC_COLD static void doubt(plcFraming *f, epicsUInt64 now)
     f->verdict = plcFramingDoubt;
     f->since = now;
     f->runs = f->runEqual = 0;
-    f->runSize = 0;
     f->doubts++;
 }
 

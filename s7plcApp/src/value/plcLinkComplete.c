@@ -42,7 +42,7 @@ static void defaultLimits(const plcType *type, epicsInt64 *low, epicsInt64 *high
 static int completeLimits(plcLink *link, const plcShape *shape, plcLinkError *error)
 {
     const plcType *type = link->type;
-    int matters = shape->options & plcHasL && shape->options & plcHasH;
+    int matters = shape->options & plcHasH;
     epicsInt64 low, high;
 
     defaultLimits(type, &low, &high);
