@@ -526,6 +526,13 @@ static void testSteps(void)
     testOk(eipConnectNoAnswer(&c) == 1, "a ListServices without an answer");
     eipConnectBegin(&c, 43);
     testOk(c.step == eipStepRegister, "is left out the next time");
+    c = connectOf("1,0", 1u << eipStepLarge);
+    testOk(c.step == eipStepList, "another step that is left out does not leave it out");
+    c.options.connected = 0;
+    answerStep(&c, 0, services);
+    answerStep(&c, 0, "01 00 00 00");
+    testOk(answerStep(&c, 0, identity) == 0 && c.step == eipStepDone && !c.session.connected,
+           "unconnected: nothing is opened");
     c = connectOf("1,0", 0);
     testOk(answerStep(&c, 0,
                       "01 00 00 01 14 00 01 00 00 01 43 6F 6D 6D 75 6E 69 63 61 74 69 6F 6E"

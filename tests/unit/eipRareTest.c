@@ -449,6 +449,7 @@ static void testTypes(void)
     testOk(eipNumberParse(boolean, "TRUE", &number) == 0 && number.u.integer == 1, "true is 1");
     testOk(eipNumberParse(boolean, "false", &number) == 0 && number.u.integer == 0, "false is 0");
     testOk(eipNumberParse(boolean, "yes", &number) == -1, "yes is no BOOL");
+    testOk(eipNumberParse(eipTypeNamed("REAL"), "yes", &number) == -1, "nor a REAL");
     testOk(eipNumberParse(eipTypeNamed("UINT"), "-1", &number) == -1, "a UINT has no sign");
     testOk(eipNumberParse(eipTypeNamed("UINT"), "0x10", &number) == 0 && number.u.integer == 16,
            "0x10 is 16");

@@ -334,6 +334,7 @@ static const struct {
     {"a[08]",      1, 1, "\"[08]\" is no index; allowed: [8], with a leading 0 octal: [010], or [0x8]"},
     {"a[1,2,3,4]", 0, 8, "more than 3 dimensions; allowed: [i], [i,j], [i,j,k]"},
     {"a[-1]",      0, 2, "-1 is no index; allowed: [0] to [4294967295]"},
+    {"a[1,]",      0, 4, "an index is missing; allowed: [0] to [4294967295]"},
     {"tag.64",     0, 4, "bit 64; allowed: 0 to 63"},
     {"a.5b",       0, 2, "\"5b\" is no name: it begins with a digit"},
 };
@@ -803,6 +804,25 @@ static void testUnits(void)
     eipTagsFree(&t);
 }
 
+/* A run of three that was refused */
+static void testThree(void)
+{
+    eipWant *w = calloc(3, sizeof(*w));
+    eipTags t;
+    unsigned i;
+
+    for (i = 0; i < 3; i++)
+        w[i] = want("A", i, 1, eipCell, 100, 16 * i);
+    eipTagsInit(&t);
+    eipTagsSet(&t, w, 3);
+    learn(&t, "A", "C4 00 01 00 00 00");
+    eipUnitsMake(&t);
+    testOk(t.unitCount == 1 && eipUnitSplit(&t, 0) == 1 && t.unitCount == 2 && t.units[0].count == 1 &&
+               t.units[1].first == 1 && t.units[1].count == 2,
+           "three elements become one and two");
+    eipTagsFree(&t);
+}
+
 /* A row of an array of more than one dimension, as Omron reads it: from the element that is wanted. */
 static void testOmronRow(void)
 {
@@ -873,10 +893,14 @@ static void testWhole(void)
     testOk(image[47] == 0x40 && image[34] == eipReal, "Temps[2] is 2");
     eipUnitSplit(&t, 0);
     testOk(t.unitCount == 4 && !t.units[0].whole, "refused whole, it is read by members");
+    for (n = 0; n < 4; n++)
+        testOk(t.units[n].tag == n && t.tags[n].apart, "%s by itself", t.tags[n].base);
     eipUnitsMake(&t);
     testOk(t.unitCount == 4, "and stays so");
     eipTagsForget(&t);
-    testOk(t.unknown == 4 && t.unitCount == 0 && t.tags[0].instance == 0,
+    testOk(t.unknown == 4 && t.unitCount == 0 && t.tags[0].instance == 0 && t.tags[0].template == 0 &&
+               t.tags[0].code == 0 && t.tags[0].handle == 0 && t.tags[0].size == 0 &&
+               t.tags[0].characters == 0,
            "a new program: nothing is known");
     eipTagsFree(&t);
 }
@@ -1014,6 +1038,7 @@ static const struct {
     {"@plc tag S x", 11, "S x is no period; allowed: S, a blank, 0 to 86400"},
     {"@plc tag B 64", 11, "B 64 is no bit; allowed: B, a blank, 0 to 63"},
     {"@plc tag.1 B 2", 5, "a bit in the tag (.1) and B 2; allowed: one of them"},
+    {"@plc tag[1", 8, "\"[1\" does not end with ]; allowed: [i], [i,j], [i,j,k]"},
     {"@plc tag B 1.5", 10, "B 1.5 is no bit; allowed: B, a blank, 0 to 63"},
     {"@plc tag force", 9,
      "\"force\" is no flag; allowed: E, S seconds, B bit, FORCE, or one of PLC_ERRORS PLC_TASK_SLOW "
@@ -1099,6 +1124,7 @@ MAIN(eipTagsTest)
     testSymbols();
     testTemplates();
     testUnits();
+    testThree();
     testOmronRow();
     testWhole();
     testTexts();

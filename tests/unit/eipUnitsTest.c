@@ -475,7 +475,8 @@ static const struct {
     int indexed;
     epicsUInt32 index;
     const char *text;
-} elements[] = {{"a", 0, 0, "a"}, {"a", 0, 3, "a[3]"}, {"a", 1, 0, "a[0]"}, {"a[1]", 1, 2, "a[1,2]"}};
+} elements[] = {{"a", 0, 0, "a"}, {"a", 0, 3, "a[3]"}, {"a", 1, 0, "a[0]"}, {"a[1]", 1, 2, "a[1,2]"},
+               {"a[1]", 0, 0, "a[1]"}};
 
 /* An index that the PLC finds, and what is said of one that it does not */
 static void testIndexed(void)

@@ -37,6 +37,8 @@ static void testBytes(void)
     testOk(plcFaultsCount(faults, 0, 20) == 0, "0 bits");
     testOk(plcFaultsClear(faults, 0, 20, NULL) == 0 && plcFaultsClearAll(faults) == 0,
            "and nothing becomes good");
+    plcFaultsDestroy(plcFaultsCreate(20));
+    testPass("and where nothing was bad nothing is left at the end");
     testOk(plcFaultsSet(faults, 4, 6, NULL, refused) == 1, "six bytes become bad");
     testOk(plcFaultsSet(faults, 4, 6, NULL, refused) == 0, "again: no news");
     testOk(plcFaultsSet(faults, 6, 2, NULL, refused) == 0, "a part of them: no news");
@@ -315,7 +317,7 @@ static void testThreads(void)
 
 MAIN(faultsTest)
 {
-    testPlan(22 + 13 + 5 + 2 + 3);
+    testPlan(22 + 1 + 13 + 5 + 2 + 3);
     testDiag("Bytes");
     testBytes();
     testDiag("Bits");

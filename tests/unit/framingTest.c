@@ -105,6 +105,8 @@ static const struct {
     {"half the size is a suspicion, not a verdict", 64, 32, 0, 100, 60, plcFramingTrusted, 32,
      20},
     {"no quiet at all: taken as it comes", 64, 64, 0, 0, 2000, plcFramingTrusted, 0, 1000},
+    {"no quiet, and no end of a block for 20 blocks: not yet", 64, 65, 0, 0, 20, plcFramingOpen, 0, 0},
+    {"for 24 blocks: taken as it comes", 64, 65, 0, 0, 26, plcFramingTrusted, 0, 1},
     {"blocks of one byte", 1, 1, 0, 10, 100, plcFramingTrusted, 0, 100},
     {"two bytes where one is configured: a suspicion", 1, 2, 0, 10, 100, plcFramingTrusted, 2,
      100},
@@ -323,6 +325,30 @@ static void testFlood(void)
     plcFramingDestroy(s.framing);
 }
 
+/* The times between the blocks before it count no more. */
+static void testAfterFlood(void)
+{
+    size_t used;
+    stream s;
+    int i;
+
+    streamOpen(&s, 64, 64);
+    for (i = 0; i < 20; i++)
+        arrive(&s, 64, 10 * MS);
+    arrive(&s, 1, 10 * MS);
+    for (i = 0; i < 60; i++)
+        arrive(&s, 20, MS);
+    arrive(&s, 64 - s.sent % 64, MS);
+    for (i = 0; i < 3; i++)
+        arrive(&s, 64, 100 * MS);
+    used = s.used;
+    arrive(&s, 40, 100 * MS);
+    arrive(&s, 24, 20 * MS);
+    testOk(s.used == used + 1 && plcFramingDoubts(s.framing) == 0 && s.wrong == 0,
+           "after a flood the rhythm is another: a pause of twice the old one is in a block");
+    plcFramingDestroy(s.framing);
+}
+
 static void testNeverTold(void)
 {
     stream s;
@@ -392,7 +418,7 @@ MAIN(framingTest)
 {
     size_t i;
 
-    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 13 + 12 + framingSlipTests());
+    testPlan((int)(sizeof(rows) / sizeof(rows[0])) + 13 + 13 + framingSlipTests());
     for (i = 0; i < sizeof(rows) / sizeof(rows[0]); i++)
         testRow(i);
     testRandomPieces();
@@ -402,6 +428,7 @@ MAIN(framingTest)
     testBacklog();
     testNoInput();
     testFlood();
+    testAfterFlood();
     testNeverTold();
     testGuess();
     framingSlips();

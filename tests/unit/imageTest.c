@@ -423,11 +423,12 @@ static void testCancel(void)
            "one that is through is put again as ever");
     plcImageWrite(image, 2, 1, "\x03", "\x03", &first);
     plcImageWrite(image, 2, 1, "\x00", "\x02", &second);
+    writeTo(image, 3, 1, "z", NULL);
     testOk(plcImageCancel(image, first.number, 2, 1, "\x03") == plcPutNever &&
-               second.number > first.number && takes(image, "AB\x01\0", "\0\0\x02\0"),
-           "of two bits a newer put of one leaves");
-    testOk(plcImagePutAgain(image, NULL, NULL) && takes(image, "AB\x01\0", "\0\xFF\x02\0"),
-           "which alone is put again");
+               second.number > first.number && takes(image, "AB\x01z", "\0\0\x02\xFF"),
+           "of two bits a newer put of one leaves, and that of the byte behind it");
+    testOk(plcImagePutAgain(image, NULL, NULL) && takes(image, "AB\x01z", "\0\xFF\x02\xFF"),
+           "which alone are put again");
     plcImageDestroy(image);
 }
 

@@ -41,6 +41,7 @@ static const struct {
     {"period, then place",           "discrete 1 8 every 7 at 1",    0, 2,      1, {{plcDiscrete, 1, 8, 1, 7, 0}}        },
     {"capitals",                     "HOLDING 1 2 AT 4 EVERY 5",     0, 8,      1, {{plcHolding, 1, 2, 4, 5, 0}}         },
     {"hexadecimal numbers",          "holding 0x10 0X0a",            0, 20,     1, {{plcHolding, 16, 10, 0, 100, 0}}     },
+    {"capital digits",               "holding 0xFA 1",               0, 2,      1, {{plcHolding, 250, 1, 0, 100, 0}}    },
     {"leading zeros are decimal",    "holding 010 010",              0, 20,     1, {{plcHolding, 10, 10, 0, 100, 0}}     },
     {"the last register",            "holding 65535 1",              0, 2,      1, {{plcHolding, 65535, 1, 0, 100, 0}}   },
     {"a whole table",                "input 0 65536",                0, 131072, 1, {{plcInputRegisters, 0, 65536, 0, 100, 0}}},
@@ -594,6 +595,7 @@ static void testSideBySide(void)
     static const plcRange ranges[] = {
         {plcHolding, 100, 2, 0, 0, 0}, {plcCoils, 0, 8, 4, 0, 0}, {plcHolding, 102, 2, 6, 0, 0},
         {plcCoils, 8, 8, 10, 0, 0}, {plcDiscrete, 0, 8, 11, 0, 0}};
+    static const plcRange units[] = {{plcHolding, 0, 2, 0, 0, 7}, {plcHolding, 0, 2, 4, 0, 3}};
     epicsUInt8 mask[12];
     plcRequest *requests;
     unsigned made;
@@ -613,6 +615,11 @@ static void testSideBySide(void)
     made = plcPlanWrites(ranges, 5, mask, NULL, standard, 1, &requests);
     testOk(made == 1 && requests[0].function == 5 && requests[0].start == 7 &&
                requests[0].count == 1, "one coil, singleWrite");
+    free(requests);
+    memset(mask, 0xff, sizeof(mask));
+    made = plcPlanWrites(units, 2, mask, NULL, standard, 0, &requests);
+    testOk(made == 2 && requests[0].unit == 7 && requests[1].unit == 3,
+           "the same registers of two units are two requests, whatever their order");
     free(requests);
 }
 
@@ -870,15 +877,16 @@ static void testPieces(void)
 {
     static const plcRange ranges[] = {
         {plcHolding, 100, 10, 40, 100, 0}, {plcHolding, 110, 10, 0, 100, 0},
-        {plcHolding, 100, 20, 60, 500, 0}, {plcCoils, 3, 20, 100, 100, 0}};
+        {plcHolding, 100, 20, 60, 500, 0}, {plcCoils, 3, 20, 100, 100, 0},
+        {plcInputRegisters, 100, 20, 110, 100, 0}, {plcHolding, 100, 20, 150, 100, 5}};
     plcRequest registers = {3, plcHolding, 105, 10, 100, 0}, bits = {1, plcCoils, 13, 5, 100, 0};
     plcPiece pieces[4];
-    unsigned count = plcPlanPieces(ranges, 4, &registers, pieces, 4);
+    unsigned count = plcPlanPieces(ranges, 6, &registers, pieces, 4);
 
     testOk(count == 2 && pieces[0].offset == 50 && pieces[0].first == 0 &&
                pieces[0].count == 5 && pieces[1].offset == 0 && pieces[1].first == 5 &&
                pieces[1].count == 5,
-           "a request over two ranges has two pieces; one of another period is not meant");
+           "a request over two ranges has two pieces; those of another period, table or unit are not meant");
     testOk(plcPlanPieces(ranges, 4, &registers, pieces, 1) == 1, "never more than asked for");
     count = plcPlanPieces(ranges, 4, &bits, pieces, 4);
     testOk(count == 1 && pieces[0].offset == 101 && pieces[0].bit == 2 &&
@@ -908,7 +916,7 @@ static void testExceptions(void)
 
 MAIN(modbusPlanTest)
 {
-    testPlan(COUNT(texts) + COUNT(badTexts) + COUNT(doubts) + COUNT(reads) + COUNT(writes) + 2 * COUNT(torn) + 29);
+    testPlan(COUNT(texts) + COUNT(badTexts) + COUNT(doubts) + COUNT(reads) + COUNT(writes) + 2 * COUNT(torn) + 30);
     testTexts();
     testBadTexts();
     testDoubts();

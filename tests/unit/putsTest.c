@@ -362,11 +362,61 @@ static void backWhileAway(void)
     plcPutsDestroy(p);
 }
 
+static epicsUInt64 addAsking(plcPuts *p, plcLastPut *who, const char *data)
+{
+    plcPut put = {who->offset, who->length, (const epicsUInt8 *)data, NULL, who};
+
+    return plcPutsAdd(p, &put, 0);
+}
+
+static void takeAll(plcPuts *p)
+{
+    memset(mask, 0, size);
+    plcPutsTake(p, always, NULL, values, mask);
+}
+
+/* What one is told who asks for his puts of bytes 2 and 3. */
+static void asking(void)
+{
+    static const epicsUInt8 shown[size] = "..AB....";
+    epicsUInt8 bytes[2];
+    plcPuts *p = plcPutsCreate(size, 100);
+    plcLastPut who = {.offset = 2, .length = 2, .bytes = bytes, .tells = 1};
+
+    plcPutsAsk(p, &who);
+    addAsking(p, &who, "AB");
+    testOk(who.waits && !who.why[0], "a put waits");
+    takeAll(p);
+    plcPutsFail(p, 0, 2, NULL, "refused");
+    plcPutsFail(p, 4, 2, NULL, "refused");
+    testOk(!plcPutsFailed(p), "what is refused on both sides of it is none of his");
+    plcPutsFail(p, 3, 1, NULL, "refused");
+    testOk(plcPutsFailed(p) && strcmp(who.why, "refused") == 0, "a byte of it is: %s", who.why);
+    plcPutsDone(p);
+    testOk(!who.waits, "it waits no more");
+    testOk(plcPutsShown(p, shown, NULL) == 0 && plcPutsFailed(p),
+           "that the PLC shows it all the same may be older, once");
+    testOk(plcPutsShown(p, shown, NULL) == 1 && !plcPutsFailed(p) && !who.why[0], "the second time it is there");
+    addAsking(p, &who, "CD");
+    takeAll(p);
+    plcPutsFail(p, 2, 2, NULL, "no answer");
+    plcPutsBack(p);
+    testOk(plcPutsFailed(p) && who.waits, "what has failed and waits again has still failed");
+    plcPutsReplace(p, 2, 2, "CD", NULL);
+    testOk(!plcPutsFailed(p) && !who.waits && plcPutsCount(p) == 0, "until the PLC has the same by itself");
+    addAsking(p, &who, "EF");
+    plcPutsReplace(p, 2, 1, "X", NULL);
+    testOk(strcmp(who.why, plcNotWritten) == 0 && !strcmp(next(p, NULL, NULL), "...F...."),
+           "another value in a part of its place: %s", who.why);
+    plcPutsAskNot(p, &who);
+    plcPutsDestroy(p);
+}
+
 MAIN(putsTest)
 {
     unsigned i;
 
-    testPlan(87 + 7 + 5 + 9);
+    testPlan(87 + 7 + 5 + 9 + 9);
     order();
     bits();
     numbers();
@@ -376,6 +426,7 @@ MAIN(putsTest)
     behind();
     overlay();
     backWhileAway();
+    asking();
     for (i = 0; i < 50; i++)
         randomWalk(i);
     return testDone();
