@@ -26,15 +26,18 @@ DB = "\n".join(
 class Device:
     """Has a register or coil whose writes it does not carry out, and answers as `how` says."""
 
-    def __init__(self, new_modbus, new_ioc, *options, how="mute", bad=lambda r: BASE + BAD in r.addresses(), inputs=True):
+    def __init__(self, new_modbus, new_ioc, *options, how="mute", bad=lambda r: BASE + BAD in r.addresses(), inputs=True, off=False):
         self.plc, self.how, self.bad = new_modbus(), how, bad
+        if off:
+            self.plc.power_off()
         self.plc.judge = lambda request: 4 if self.meets(request) else 0
         self.plc.mangle = self.answer
         self.ioc = new_ioc(self.plc.configure("holding 0 10 every 20" if inputs else "",
                                               f"holding {BASE} 20, coils {COILS} 8 at 100", timeout=200) +
                            "".join(f"\ns7plcSetOption PLC {option}" for option in options), DB)
-        self.ioc.wait_log("connected")
-        until(lambda: self.plc.answers >= 3, "the first reads")
+        self.ioc.wait_log("cannot connect" if off else "connected")
+        if not off:
+            until(lambda: self.plc.answers >= 3, "the first reads")
 
     def meets(self, request):
         return request.function in (5, 6, 15, 16, 22) and self.bad(request)
@@ -283,13 +286,15 @@ def test_second_try(new_modbus, new_ioc):
     assert len(d.tries()) == 1 and len(d.plc.writes()) == 2 and "not tried again" not in d.ioc.log
 
 
-def test_turn_after_reconnect(new_modbus, new_ioc):
-    """what was put while the device was away keeps its alarm until it is written, one after the other"""
-    d = Device(new_modbus, new_ioc, "readPeriod 0")
+@pytest.mark.parametrize("off", [False, True], ids=["after a loss", "from the start of the IOC"])
+def test_turn_after_reconnect(new_modbus, new_ioc, off):
+    """what was put while the device was away keeps its alarm until it is written, one after the other ({off})"""
+    d = Device(new_modbus, new_ioc, "readPeriod 0", off=off)
     plc, ioc = d.plc, d.ioc
     names = [f"o{i}" for i in range(0, 20, 4)]
-    plc.power_off()
-    ioc.wait_log("disconnected")
+    if not off:
+        plc.power_off()
+        ioc.wait_log("disconnected")
     for name in names:
         ioc.put(name, 7)
         ioc.wait_alarm(name, "INVALID", "COMM")

@@ -161,7 +161,7 @@ void plcExchangeUp(plcStation *s)
     plcExchange *x = s->exchange;
 
     x->ordered = 0;
-    x->waiting = 1;
+    x->waiting = x->late = 1;
     startWhenReady(s);
 }
 
@@ -256,7 +256,6 @@ void plcExchangeDown(plcStation *s)
     plcExchange *x = s->exchange;
 
     x->waiting = 0;
-    x->late = 1;
     x->sign = 0;
     x->transport->down(x->pvt);
     plcInputRefused(s, 0, 0, "");
