@@ -37,6 +37,13 @@ def tried(text, step, survives):
     return refused, noticed, left
 
 
+def agrees(page, pattern, text, step, counts):
+    """What a page says: so many slips, of which so many do not compile, are noticed, do nothing. The last three are
+    compared where each slip was tried."""
+    said = [int(number.replace(",", "")) for number in re.search(pattern, " ".join(page.split())).groups()]
+    return said[0] == sum(said[1:]) == sum(1 for _ in mutants(text)) and (step != 1 or said[1:] == list(counts))
+
+
 def mutants(text):
     spots = list(tokens(text))
     places = offsets(text)

@@ -215,6 +215,7 @@ def test_commands(new_sim):
             documented |= first_words(cells[0])
     assert printed - documented == set()
     assert documented - printed == {"allow", "first", "second"}  # a statement, and those of a pair
+    assert [line for line in sim.command("help").splitlines() if line.split()[0] == "set"] == [sim.command("help set")]
 
 
 @pytest.mark.parametrize("server", ["modbus", "etherip"])
@@ -262,13 +263,16 @@ def test_command_line(tmp_path):
     began = time.monotonic()
     sim = subprocess.Popen([PLCSIM, "-n", "-a", "127.0.0.9", "-p", "0", "-o", "in=8", "-o", "period=20 ms",
                             "-e", "set in.0 UINT32 7", "-e", "set in.4 UINT32 8", "-c", tmp_path / "console", "-s", "3",
-                            tmp_path / "x.plc"], stdout=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True)
+                            tmp_path / "x.plc"], stdout=subprocess.PIPE, stdin=subprocess.PIPE, text=True)
+    sim.stdin.write("quit\n")  # which -n keeps away from it
+    sim.stdin.flush()
     address, port = re.fullmatch(r"plcSim: PLC listening on (\S+):(\d+)\n", sim.stdout.readline()).groups()
     assert address == "127.0.0.9" and sim.stdout.readline() == f"plcSim: console on {tmp_path}/console\n"
     with socket.create_connection((address, int(port))) as plc:
         assert plc.recv(8, socket.MSG_WAITALL) == b"\0\0\0\7\0\0\0\x08"
     assert sim.wait(60) == 0 and time.monotonic() - began >= 3
     sim.stdout.close()
+    sim.stdin.close()
 
 
 def test_console(new_sim):
@@ -283,8 +287,11 @@ def test_console(new_sim):
     for area in "MIQ":
         sim.command(f"set {area}B255 7")
         assert sim.command(f"get {area}255.2").split()[-1] == "1"
-    with pytest.raises(AssertionError):
-        sim.command("set MB256 1")
+        assert sim.command(f"get {area}W254").split()[-1] == sim.command(f"get {area}D252").split()[-1] == "7"
+        with pytest.raises(AssertionError, match="256"):
+            sim.command(f"set {area}B256 1")
+    sim.command("set out.6 UINT8 0x1f")
+    assert sim.command("dump out").endswith("00 00 00 00 00 00 1f 00")
     sim.command("signal 0 UINT16 constant 77")
     sim.command("mirror 0 2 -> 2")
     with socket.create_connection(("127.0.0.1", sim.port)) as plc:
@@ -292,6 +299,10 @@ def test_console(new_sim):
         until(lambda: "received: 1 " in sim.command("status"))
         sim.command("period 20")
         until(lambda: plc.recv(8, socket.MSG_WAITALL) == b"\0\x4d\x12\x34\0\5\0\0")
+        assert sim.command("dump in").endswith("00 4d 12 34 00 05 00 00")
+        report = sim.command("status")
+        assert f"client: 127.0.0.1:{plc.getsockname()[1]} for " in report and "received: 1 blocks, 8 bytes" in report
+        assert int(re.search(r"^sent: (\d+) blocks", report, re.M)[1]) > 0
     sim.command("silence")
     assert "silence" in sim.command("status")
     sim.command("normal")

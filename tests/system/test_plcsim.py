@@ -2,13 +2,17 @@
 import os
 import re
 import select
+import signal
 import socket
 import struct
 import subprocess
+import time
+from collections import Counter
 
 import pytest
 
 from client import TOP
+from ports import free_port
 from sim import PROGRAM
 from waiting import LIMIT, until, until_equal
 
@@ -97,6 +101,44 @@ def test_mirror(new_sim, connect):
     assert sim.command("received").splitlines()[-1].endswith(bytes(range(16)).hex(" "))
 
 
+def test_received(new_sim, connect):
+    """received: blocks, bytes, those of an unfinished block; then the last n blocks, one by default"""
+    sim = new_sim(PLAIN)
+    client = connect(sim.port)
+    before = time.monotonic()
+    client.write(bytes(16) + bytes(range(16)) + b"half a")
+    until(lambda: sim.command("received").startswith("blocks 2 bytes 38 partial 6\n"), lambda: sim.command("received"))
+    lines = sim.command("received").splitlines()
+    number, moment, data = lines[1].split(" ", 2)
+    assert len(lines) == 2 and number == "2" and data == bytes(range(16)).hex(" ")
+    assert before - 0.001 <= float(moment) <= time.monotonic() + 0.001
+    assert [line.split()[0] for line in sim.command("received 5").splitlines()[1:]] == ["1", "2"]
+
+
+def test_period(new_sim, connect):
+    """A block leaves each period: a signal that counts periods goes on by 1 from block to block"""
+    sim = new_sim("in = 8\nout = 0\nperiod = 40 ms\nsignal 0 UINT32 counter 40ms\n")
+    client = connect(sim.port, size=8)
+    numbers = [counter(client.read()) for _ in range(40)]
+    steps = Counter(b - a for a, b in zip(numbers, numbers[1:]))  # a busy machine leaves some out
+    assert steps.most_common(1)[0][0] == 1, steps
+
+
+def test_silence(new_sim, connect):
+    """silence: the connection stays and nothing is sent; silence off: blocks come on it again"""
+    sim = new_sim(PLAIN)
+    client = connect(sim.port)
+    client.read()
+    sim.command("silence")
+    sent = status(sim, "sent")
+    assert "client: 127.0.0.1:" in sim.command("status")
+    until(lambda: client.quiet(0.1) or not client.socket.recv(65536), "quiet")
+    assert client.quiet(0.2) and status(sim, "sent") == sent
+    sim.command("silence off")
+    client.read()
+    assert status(sim, "connections") == "connections: 1"
+
+
 @pytest.mark.parametrize("fault", ["fragment 1", "fragment 5 2", "fragment 31", "delay 30", "flood"])
 def test_framing(new_sim, connect, fault):
     """With {fault} no block is lost, doubled or torn"""
@@ -105,6 +147,46 @@ def test_framing(new_sim, connect, fault):
     sim.command(fault)
     blocks = [counter(client.read()) for _ in range(20)]
     assert blocks == list(range(blocks[0], blocks[0] + 20))
+
+
+def test_pieces(new_sim, connect):
+    """fragment 5 3600000: the first 5 bytes, and no more of the block before its time; close ends it in the middle"""
+    sim = new_sim(PLAIN, "-e", "fragment 5 3600000")
+    client = connect(sim.port)
+    assert len(client.read(5)) == 5 and client.quiet(0.2)
+    sim.command("close")
+    assert client.socket.recv(1) == b""
+
+
+def test_delay(new_sim, connect):
+    """delay 3600000: no block comes before its time"""
+    sim = new_sim(PLAIN, "-e", "delay 3600000")
+    client = connect(sim.port)
+    until(lambda: "client: 127.0.0.1:" in sim.command("status"), "a connection")
+    assert client.quiet(0.3)
+
+
+def stuffed(new_sim, connect, *options):
+    """(sim, client, bytes that a stalled PLC has taken)"""
+    sim = new_sim(PLAIN, "-e", "stall", *options)
+    client = connect(sim.port)
+    client.read()
+    client.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
+    client.socket.setblocking(False)
+    count = 0
+    while select.select([], [client.socket], [], 0.3)[1]:
+        count += client.socket.send(bytes(1024))
+    return sim, client, count
+
+
+def test_stall(new_sim, connect):
+    """stall: nothing is read, and the IOC's send backs up, with rcvbuf earlier; stall off: all is read"""
+    sim, client, count = stuffed(new_sim, connect)
+    assert status(sim, "received") == "received: 0 blocks, 0 bytes"
+    sim.command("stall off")
+    until_equal(lambda: status(sim, "received"), f"received: {count // 16} blocks, {count} bytes")
+    client.close()
+    assert stuffed(new_sim, connect, "-o", "rcvbuf=2048")[2] < count / 2
 
 
 def test_slow_reader(new_sim, connect):
@@ -150,7 +232,10 @@ def test_garbage(new_sim, connect):
     sim = new_sim(PLAIN, "-o", "period=1 h")
     client = connect(sim.port)
     sim.command("garbage 7")
-    assert len(client.read(7)) == 7 and client.quiet(0.1)
+    first = client.read(7)
+    assert client.quiet(0.1)
+    sim.command("garbage 7")
+    assert client.read(7) != first and client.quiet(0.1)
 
 
 def test_close(new_sim, connect):
@@ -210,12 +295,15 @@ def test_unplug(new_sim, connect):
     client.read()
     sim.command("unplug")
     until(lambda: client.quiet(0.1) or not client.socket.recv(65536), "silence")
+    client.write(bytes(16))
     trying = socket.socket()
     trying.setblocking(False)
     trying.connect_ex(("127.0.0.1", sim.port))
     assert not select.select([], [trying], [], 0.3)[1], "no answer to a connect"
     trying.close()
+    assert status(sim, "received") == "received: 0 blocks, 0 bytes"
     sim.command("plug")
+    until_equal(lambda: status(sim, "received"), "received: 1 blocks, 16 bytes")
     read_until(client, lambda block: True)
     connect(sim.port).read()
 
@@ -245,8 +333,21 @@ def test_restart(new_sim, connect):
     until(lambda: status(sim, "state").startswith("state: on"), "the PLC is on")
     assert connect(sim.port).read()[16:] == bytes(16)
     assert sim.command("get DB10.DBW0") == "DB10.DBW0 = 6"
+    assert sim.command("dump out").split(":")[1].split() == ["00"] * 16
     sim.command("restart 0 cold")
     assert sim.command("get DB10.DBW0") == "DB10.DBW0 = 5"
+    with pytest.raises(AssertionError, match="too many words"):
+        sim.command("restart 1 50")  # which of the two: only in a pair
+
+
+def test_restarttime(new_sim, connect):
+    """For so long restart keeps the PLC off: nothing listens"""
+    sim = new_sim(PLAIN, "-o", "restarttime=1 h")
+    sim.command("restart")
+    until(lambda: any("warm restart, off for 3.6e+06 ms" in line for line in sim.lines), lambda: "\n".join(sim.lines))
+    assert status(sim, "state").startswith("state: off")
+    with pytest.raises(ConnectionRefusedError):
+        connect(sim.port)
 
 
 def test_second_client(new_sim, connect):
@@ -278,11 +379,14 @@ def test_local(new_sim, connect):
 
 
 def test_freeze(new_sim, connect):
-    """freeze heartbeat: blocks go on, the counter stands"""
-    sim = new_sim(PLAIN)
+    """freeze heartbeat: blocks go on, the counter stands; freeze all: each signal does"""
+    sim = new_sim(PLAIN + "signal 4 UINT32 ramp 0 1e9 1h\n")
     client = connect(sim.port)
     sim.command("freeze heartbeat")
     read_until(client, lambda block: counter(block) == counter(client.read()))
+    read_until(client, lambda block: block[4:8] != client.read()[4:8])
+    sim.command("freeze all")
+    read_until(client, lambda block: block[:8] == client.read()[:8])
     sim.command("unfreeze")
     read_until(client, lambda block: counter(block) != counter(client.read()))
 
@@ -319,6 +423,9 @@ def test_sync(new_sim, connect):
     client.write(sync_block(1, 1))
     until(lambda: "checks: 1, 1 failed" in sim.command("status"), "one failed check")
     assert sim.command("get DB10.DBD0") == "DB10.DBD0 = 77"
+    report = sim.command("status")
+    assert "taken: 0 blocks, 1 ignored" in report and "sync: none" in report
+    assert "byte 7 of IE_RX is 0x01, the PLC has 0x4d" in report
     client.write(sync_block(1, 77))
     flags_become(client, 3)
     client.write(sync_block(2, 78, 5))
@@ -329,6 +436,10 @@ def test_sync(new_sim, connect):
     read_until(client, lambda block: block[4:8] == struct.pack(">I", 100))
     sim.command("remote")
     flags_become(client, 2)
+    client.write(sync_block(1, 100, 5))
+    flags_become(client, 3)
+    assert "sync: SYNC" in sim.command("status") and "taken: 1 blocks, " in sim.command("status")
+    assert connect(sim.port, size=16).read()[0] == 2, "a new connection begins without SYNC"
 
 
 def test_sync_watchdog(new_sim, connect):
@@ -344,8 +455,9 @@ def roles(sim):
     return [status(sim, "role", plc).split()[1] for plc in ("first", "second")]
 
 
-def test_end_of_stdin(tmp_path):
-    """The end of stdin closes that console, not the simulator; SIGTERM ends it"""
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT], ids=lambda number: number.name)
+def test_end_of_stdin(tmp_path, number):
+    """The end of stdin closes that console, not the simulator; {number} ends it"""
     (tmp_path / "a.plc").write_text("in = 8\nout = 0\nperiod = 10 ms\n")
     sim = subprocess.Popen([PROGRAM, "-p", "0", tmp_path / "a.plc"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
@@ -357,20 +469,28 @@ def test_end_of_stdin(tmp_path):
         assert client.read() == bytes(8) and sim.poll() is None
         client.close()
     finally:
-        sim.terminate()
-        sim.wait(LIMIT)
+        sim.send_signal(number)
+        assert sim.wait(LIMIT) == 0
 
 
 def test_send_watchdog(new_sim, connect):
-    """sendwatchdog: a block that does not leave for so long ends the connection"""
-    sim = new_sim("in = 65536\nout = 0\nperiod = 1 ms\nsendwatchdog = 200 ms\n")
+    """sendwatchdog: a block that does not leave for so long ends the connection; 0: it stays, and blocks are skipped"""
+    text = "in = 65536\nout = 0\nperiod = 1 ms\n"
+    sim = new_sim(text + "sendwatchdog = 200 ms\n")
     connect(sim.port)
     until(lambda: any("ended: " in line for line in sim.lines), lambda: "\n".join(sim.lines))
     assert sim.process.poll() is None
+    sim = new_sim(text + "sendwatchdog = 0\n")
+    connect(sim.port)
+    until(lambda: int(status(sim, "sent").split()[-2]) > 500, lambda: status(sim, "sent"))  # half a second at least
+    assert "client: 127.0.0.1:" in sim.command("status") and status(sim, "connections") == "connections: 1"
 
 
 def test_block_numbers(new_sim):
-    """ie_tx, ie_rx and map_db: the data blocks have these numbers"""
+    """ie_tx, ie_rx, tx_ptrs, rx_ptrs and map_db: the data blocks have these numbers"""
+    sim = new_sim("in = 24\nout = 20\ntx_ptrs = 73\nrx_ptrs = 74\ndb 10 8\ntx P#DB10.DBX0.0 BYTE 8 -> 4\nrx 4 -> P#DB10.DBX0.0 BYTE 8\n")
+    assert sim.command("dump DB73").split(":")[1].split()[:6] == "10 02 00 08 00 0a".split()
+    assert sim.command("dump DB74").split(":")[1].split()[:6] == "10 02 00 08 00 02".split()
     sim = new_sim("in = 24\nout = 20\nie_tx = 71\nie_rx = 72\nsync = on\nmap = on\nmap_db = 75\n")
     for number in (71, 72, 75, 76, 77):
         assert ":" in sim.command(f"dump DB{number}")
@@ -393,6 +513,23 @@ def test_list_of_pointers(new_sim, connect):
     sim.command("set DB3.DBB0 0")
     sim.command("set DB10.DBW2 3")
     assert {client.read()[4:6] for _ in range(20)} == {b"\0\2"}, "behind the end of the list nothing is moved"
+
+
+def test_bad_pointer(new_sim, connect):
+    """A pointer that is spoilt on the console is refused and logged once; the next one is served; mended it works"""
+    sim = new_sim("in = 4\nout = 0\nperiod = 10 ms\ndb 10 8\ninit DB10.0 UINT16[2] 1 2\n"
+                  "tx P#DB10.DBX0.0 BYTE 2 -> 0\ntx P#DB10.DBX2.0 BYTE 2 -> 2\n")
+    client = connect(sim.port, size=4)
+    sim.command("set DB3.DBB0 5")
+    sim.command("set DB10.0 UINT16[2] 7 8")
+    read_until(client, lambda block: block == b"\0\1\0\x08")
+    for _ in range(5):
+        assert client.read() == b"\0\1\0\x08"
+    sim.command("set DB3.DBB0 16")
+    read_until(client, lambda block: block == b"\0\7\0\x08")
+    sim.command("silence")
+    until(lambda: any("> silence" in line for line in sim.lines), lambda: "\n".join(sim.lines))
+    assert len([line for line in sim.lines if "W#16#8101" in line]) == 1, "\n".join(sim.lines)
 
 
 def test_pair(new_sim, connect):
@@ -419,6 +556,8 @@ def test_pair_switchover(new_sim, connect):
     """switchover: the new PRIMARY goes on counting where the old one ended"""
     sim = new_sim(PAIR, "-o", "role=pair")
     until_equal(lambda: roles(sim), ["PRIMARY", "BACKUP"])
+    assert sim.lines[:2] == [f"plcSim: {name} listening on 127.0.0.{last}:{sim.port}"
+                             for name, last in (("FIRST", 2), ("SECOND", 3))]
     first, second = connect(sim.port, "127.0.0.2"), connect(sim.port, "127.0.0.3")
     last = counter(first.read())
     sim.command("switchover")
@@ -426,6 +565,23 @@ def test_pair_switchover(new_sim, connect):
     while not first.quiet(0.1):
         last = counter(first.read())
     assert counter(second.read()) == last + 1
+    sim.command("silence")
+    assert [status(sim, "faults", plc) for plc in ("first", "second")] == ["faults: none", "faults: silence"]
+
+
+def test_pair_at_once(new_sim, connect):
+    """A new PRIMARY sends a block at once; the old one ends its connection where half a block was out"""
+    sim = new_sim(PAIR, "-o", "role=pair", "-o", "second=127.0.0.7")
+    until_equal(lambda: roles(sim), ["PRIMARY", "BACKUP"])
+    sim.command("first fragment 5 3600000")
+    first, second = connect(sim.port, "127.0.0.2"), connect(sim.port, "127.0.0.7")
+    first.read(5)
+    for plc in "first", "second":
+        sim.command(f"{plc} period 3600000")
+    sim.command("switchover")
+    second.read()
+    with pytest.raises(ConnectionResetError):
+        first.read()
 
 
 def test_pair_two_primaries(new_sim):
@@ -452,6 +608,24 @@ def test_pair_of_processes(new_sim, tmp_path, connect):
     first.process.kill()
     connect(second.port, "127.0.0.3").read()
     assert second.command("get DB10.DBW0") == "DB10.DBW0 = 42"
+
+
+def test_pair_by_tcp(new_sim):
+    """The fibre may be TCP: FIRST listens"""
+    fibre = f"fibre=127.0.0.1:{free_port()}"
+    first = new_sim(PAIR, "-o", "role=first", "-o", fibre)
+    second = new_sim(PAIR, "-o", "role=second", "-o", fibre, "-o", "startwait=1 h")
+    first.command("set DB10.DBW0 42")
+    until_equal(lambda: second.command("get DB10.DBW0"), "DB10.DBW0 = 42")
+    assert [status(sim, "role").split()[1] for sim in (first, second)] == ["PRIMARY", "BACKUP"]
+
+
+def test_startwait(new_sim, tmp_path):
+    """Alone SECOND waits for FIRST for so long, then it leads"""
+    start = time.monotonic()
+    second = new_sim(PAIR, "-o", "role=second", "-o", f"fibre={tmp_path / 'fibre'}", "-o", "startwait=2 s")
+    until_equal(lambda: status(second, "role").split()[1], "PRIMARY")
+    assert time.monotonic() - start >= 2
 
 
 def test_off(tmp_path):
@@ -497,12 +671,24 @@ def test_received_limit(new_sim, connect):
 
 
 def test_quiet(new_sim, connect):
-    """With -q nothing is printed but where it listens"""
-    sim = new_sim(PLAIN, "-q")
+    """With -q nothing is printed but where it listens, and errors"""
+    sim = new_sim(PLAIN, "-q", "-e", "nonsense")
     connect(sim.port).read()
     sim.command("silence on")
     sim.command("restart cold")
-    assert sim.lines and all(" on " in line for line in sim.lines), sim.lines
+    until(lambda: len(sim.lines) == 3, lambda: "\n".join(sim.lines))
+    assert [line for line in sim.lines if " on " not in line] == ['error: "nonsense" is no command; try help'], sim.lines
+
+
+def test_stamps(new_sim, connect):
+    """Each line of the log has a time stamp in front; those for programs have not, and the PLC's name"""
+    sim = new_sim(PLAIN, "-o", "name=Press 1")
+    connect(sim.port).read()
+    sim.command("silence on")
+    until(lambda: len(sim.lines) >= 4, lambda: "\n".join(sim.lines))
+    listening, console, *log = sim.lines
+    assert listening == f"plcSim: Press 1 listening on 127.0.0.1:{sim.port}" and console.startswith("plcSim: console on ")
+    assert all(re.match(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d{3} Press 1: ", line) for line in log), log
 
 
 def test_deaf_stdout(tmp_path, connect, closing):

@@ -278,6 +278,13 @@ def test_smaller(new_tags, new_comm):
 
 # ---- changes -----------------------------------------------------------------------------------
 
+def change_counter(plc):
+    """What class AC tells, by which clients know a download."""
+    answer = plc.generic_message(service=0x03, class_code=0xAC, instance=1, request_data=b"\2\0\1\0\3\0", connected=False)
+    assert answer.error is None
+    return answer.value
+
+
 def test_download(new_tags, new_comm):
     """After a download the old instance ids lead nowhere, or to other tags"""
     sim = new_tags()
@@ -285,8 +292,10 @@ def test_download(new_tags, new_comm):
     sim.command("etherip set DINT 11")
     sim.command("etherip set LINT 22")
     assert plc.read("DINT").value == 11
+    before = change_counter(plc)
     sim.command("etherip download")
     assert plc.read("DINT").error.startswith("Destination unknown")
+    assert change_counter(plc) != before and numbers(sim, "etherip:")["clients"] == "1"
     plc.get_tag_list(program="*")
     assert plc.read("DINT").value == 11 and plc.read("Inlet").error is None
     sim.command("etherip download shift")
@@ -295,10 +304,15 @@ def test_download(new_tags, new_comm):
     assert plc.read("DINT").value == 11
 
 
-def test_edits(new_tags, new_logix):
-    """Tags come, go and change their type while clients read"""
+def test_edits(new_tags, new_logix, new_comm):
+    """Tags come, go and change their type while clients read; class AC tells each time"""
     sim = new_tags()
     plc = new_logix(sim)
+    told = [change_counter(comm := new_comm(sim))]
+    for command in "udt Late2 X:INT", "tag Other DINT", "tag Other REAL", "remove Other":
+        sim.command(f"etherip {command}")
+        told.append(change_counter(comm))
+    assert len(set(told)) == 5, told
     assert plc.Read("Late").Status == "Path segment error"
     sim.command("etherip tag Late DINT[2] = 5 6")
     assert plc.Read("Late", 2).Value == [5, 6]
@@ -339,7 +353,7 @@ def test_clients(new_tags, new_comm):
     failures = []
 
     def work(number, plc):
-        for i in range(40):
+        for i in range(80):
             plc.write(f"INTs[{number}]", i)
             if plc.read(f"INTs[{number}]").value != i:
                 failures.append((number, i))
@@ -351,6 +365,15 @@ def test_clients(new_tags, new_comm):
     assert not failures
     assert numbers(sim, "etherip:")["clients"] == "8"
     assert numbers(sim, "etherip opens:")["opened"] == "8"
+    total = int(numbers(sim, "etherip requests:")["total"])
+    kept = sim.command("etherip received 5000").splitlines()
+    assert total > 1000 and len(kept) == 1000 and kept[-1].startswith(f"{total} ")
+    assert len(sim.command("etherip received").splitlines()) == 1
+    sim.command("etherip timeout")
+    report = sim.command("etherip")
+    assert "clients=8" in report and "etherip connection:" not in report and "timed_out=8" in report
+    sim.command("etherip clear")
+    assert numbers(sim, "etherip requests:")["total"] == "0"
 
 
 def test_connection_outlives_tcp(new_tags, new_comm):
@@ -456,15 +479,15 @@ def test_connect(new_sim, tmp_path):
     done = subprocess.run([str(PROGRAM), "--connect", str(tmp_path / "none")], input="",
                           capture_output=True, text=True, timeout=LIMIT)
     assert done.returncode == 1 and "no console at" in done.stderr
+    assert sim.command("get in.4 INT16") == "in.4 INT16 = -5", "the first console, beside which the others were"
 
 
 def test_file(tmp_path):
     """What the file says wrong is told with its line, and nothing starts"""
     file = tmp_path / "bad.plc"
     file.write_text("etherip_port = 0\nudt U x:FOO\ntag A INT = 40000\n")
-    done = subprocess.run([str(PROGRAM), "-k", str(file)], capture_output=True, text=True,
-                          timeout=LIMIT)
-    assert done.returncode != 0
+    done = subprocess.run([str(PROGRAM), str(file)], capture_output=True, text=True, timeout=LIMIT)
+    assert done.returncode != 0 and not done.stdout
     assert 'bad.plc:2: "FOO" is no type' in done.stderr
     assert "bad.plc:3: 40000 does not fit into INT16" in done.stderr
     assert "etherip_port needs byteorder = little" in done.stderr

@@ -1,4 +1,5 @@
 """plcSim's Modbus seen by independent peers: pymodbus's client, mbpoll, and plain sockets."""
+import contextlib
 import math
 import re
 import select
@@ -194,6 +195,11 @@ def test_connections_end(new_sim, server):
             except ConnectionResetError:
                 assert command == "reset"
             plc.close()
+    sim.command(f"{server} refuse")
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", port), LIMIT)
+    sim.command(f"{server} refuse off")
+    socket.create_connection(("127.0.0.1", port), LIMIT).close()
 
 
 def test_no_function(wire):
@@ -386,6 +392,11 @@ def test_one_register_refused(sim, master):
     good(master.write_registers(18, 2 * [1]))
     assert read(master, "holding", 10, count=10) == 7 * [1] + [0] + 2 * [1]
     assert "modbus faults: exception=2,write,holding=17..17" in sim.command("status")
+    sim.command("modbus slow 1 input")
+    sim.command("modbus exception off")
+    good(master.write_register(17, 1))
+    assert "modbus faults: slow=1,input" in sim.command("status")
+    sim.command("modbus exception 2 holding 17 write")
     sim.command("modbus normal")
     good(master.write_register(17, 1))
     assert "modbus faults: none" in sim.command("status")
@@ -424,6 +435,11 @@ def test_no_answer(sim, new_master, fault):
     assert answer is None or answer.isError() or not answer.registers
     assert numbers(sim, "modbus requests:")["total"] == "1"
     assert read(new_master(sim), "holding", 0, count=1) == [0]
+    sim.command(f"modbus {fault} next 1")
+    with contextlib.suppress(ModbusException):
+        new_master(sim, timeout=0.2).write_register(0, 7)
+    wanted = 0 if fault == "silent" else 7  # the others do what is asked
+    assert read(new_master(sim), "holding", 0, count=1) == [wanted]
 
 
 def test_wrong_unit(new_sim, new_master, sim):
@@ -437,6 +453,9 @@ def test_wrong_unit(new_sim, new_master, sim):
     master = new_master(gateway)
     assert master.read_holding_registers(0, count=1, device_id=1).exception_code == 11
     good(master.read_holding_registers(0, count=1, device_id=255))
+    any_ = new_master(new_sim(PLC, "-o", "modbus_unit=any"))
+    for unit in 0, 1, 77, 255:
+        good(any_.read_holding_registers(0, count=1, device_id=unit))
 
 
 def test_restart_and_unplug(sim, new_master):
@@ -488,6 +507,9 @@ def test_eight_clients(sim, new_master, closing):
         thread.join()
     assert not failures
     assert numbers(sim, "modbus requests:")["total"] == "1600"
+    assert len(sim.command("modbus received").splitlines()) == 1
+    kept = sim.command("modbus received 5000").splitlines()
+    assert len(kept) == 1000 and kept[0].startswith("601 ") and kept[-1].startswith("1600 ")
     assert sim.command("get DB10.80 UINT16[8]").endswith(" = " + " ".join(8 * ["99"]))
 
 
@@ -534,6 +556,9 @@ def test_sync(new_sim, new_master, closing):
     good(master.write_register(1, 99))
     flags_become(client, 2)  # a setpoint has moved: SYNC falls
     assert sim.command("get DB10.DBD0") == "DB10.DBD0 = 99"
+    sim.command("local")
+    good(master.write_register(1, 98))
+    assert sim.command("get DB10.DBD0") == "DB10.DBD0 = 98"
     assert status(sim, "faults") == "faults: none"
 
 
@@ -555,8 +580,8 @@ def test_file(tmp_path):
     """What the file says wrong is told with its line, and nothing starts"""
     file = tmp_path / "bad.plc"
     file.write_text("role = pair\nmodbus_port = 0\ndb 10 10\nmodbus holding 0 6 -> DB10.0\n")
-    done = subprocess.run([str(PROGRAM), "-k", str(file)], capture_output=True, text=True,
-                          timeout=LIMIT)
-    assert done.returncode != 0
-    assert "bad.plc:4: 6 registers from DB10.0 on take 12 bytes" in done.stderr
-    assert "modbus_port needs role = single" in done.stderr
+    for options in ["-k"], []:
+        done = subprocess.run([str(PROGRAM), *options, str(file)], capture_output=True, text=True, timeout=LIMIT)
+        assert done.returncode != 0 and not done.stdout
+        assert "bad.plc:4: 6 registers from DB10.0 on take 12 bytes" in done.stderr
+        assert "modbus_port needs role = single" in done.stderr

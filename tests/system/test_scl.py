@@ -285,3 +285,6 @@ def test_mutants():
     refused, failed, left = mutate.tried(DOCUMENT, step, lambda text, program: alive(program))
     assert [spot for spot in left if spot[0] not in HARMLESS] == []
     assert refused + failed >= 300 // step - 5 and len(left) <= HARMLESS_COUNT
+    assert mutate.agrees((texts.DOCS / "plc-programming.md").read_text(),
+                         r"of (\d+) slips of the keyboard put into it (\d+) do not compile, (\d+) are noticed, and (\d+)",
+                         DOCUMENT, step, (refused, failed, len(left)))

@@ -152,6 +152,7 @@ def test_lines_at_start(new_sim):
     sim = new_sim(file_in("Modbus", "modbus_port = 1502"), "-o", "modbus_port=0")
     sim2 = new_sim(file_in("EtherNet/IP", "etherip_port = 44818"), "-o", "etherip_port=0")
     printed = "\n".join(sim.lines + sim2.lines)
+    assert " listening on " in sim.lines[0] and " Modbus listening on " in sim.lines[1]
     for begins in ("plcSim: PLC listening", "plcSim: PLC Modbus", "plcSim: PLC EtherNet/IP"):
         same(re.sub(r"console on .*", "console on ...", shown("plcsim.md", begins)), printed)
 

@@ -119,12 +119,13 @@ def commands(plc):
     """The commands to the loader among the blocks that have come."""
     lines = plc.command("received 1000").splitlines()[1:]
     blocks = [bytes.fromhex("".join(line.split()[2:])) for line in lines]
+    assert not [block for block in blocks if block[0] & tables.TABLE and block[0] & (tables.CHECK | tables.DATA)]
     return [block[4] for block in blocks if block[0] & tables.TABLE]
 
 
 def wait_synced(ioc, level=3.25):
     until(lambda: ioc.text("Sync") == "synced", lambda: f"synced: {ioc.text('Sync')}\n{ioc.log}")
-    assert ioc.text("Map") == "equal" and ioc.get("Map:Progress") == 100
+    assert ioc.text("Map") == "equal" and ioc.get("Map:Progress") == 100 and ioc.severity("Map") == "NO_ALARM"
     until_equal(lambda: (ioc.get("Temp"), ioc.get("Speed"), ioc.get("Mode")), (21.5, 100, 7))
     if level is not None:
         ioc.wait_value("Level", level)
@@ -140,7 +141,7 @@ def test_download(new_plc, new_table_ioc, before):
     plc = new_plc(PLC + before)
     ioc = new_table_ioc(plc.port)
     wait_synced(ioc)
-    assert memory(plc) == HELD and plc_crc(plc) == crc() == ioc.get("Map:PlcCrc")
+    assert memory(plc) == HELD and plc_crc(plc) == crc() == ioc.get("Map:PlcCrc") == ioc.get("Map:Crc")
     assert commands(plc) == [1, 2, 2, 2, 2, 3]      # 70 bytes, 20 a block
     assert ioc.get("Map:Downloads") == 1 and ioc.get("Map:Refusals") == 0
     assert ioc.alarm("Level")[0] == "NO_ALARM"
@@ -195,7 +196,8 @@ def test_forbidden(new_plc, new_table_ioc):
     ioc = new_table_ioc(plc.port, PTR + "tx P#DB12.DBX0.0 BYTE 4 -> 32 Secret.Key\n")
     reason = "row 2: memory that the PLC does not allow: Secret.Key"
     wait_reason(ioc, "refused", reason)
-    assert reason in ioc.log and ioc.get("Map:Refusals") == 1
+    assert reason in ioc.log and ioc.get("Map:Refusals") == 1 and ioc.severity("Map") == "MAJOR"
+    assert (ioc.get("Map:PlcCrc"), ioc.get("Map:Crc")) == (old, crc(PTR + "tx P#DB12.DBX0.0 BYTE 4 -> 32\n"))
     ioc.put("Speed", 5)
     assert ioc.alarm("Speed")[:2] == ("INVALID", "WRITE")
     assert memory(plc) == HELD and plc_crc(plc) == old
@@ -240,6 +242,12 @@ def test_waits(new_plc, new_table_ioc, locked, unlocked, reason):
     assert commands(plc) == []
     plc.command(unlocked)
     wait_synced(ioc)
+    if locked == "allowmap off":  # with the table that it has all goes on
+        plc.command(locked)
+        until(lambda: "locked" in plc.command("status"), lambda: plc.command("status"))
+        ioc.put("Speed", 55)
+        until_equal(lambda: memory(plc)[4:6], struct.pack(">h", 55))
+        assert ioc.text("Sync") == "synced"
 
 
 def test_old_plc(new_plc, new_table_ioc, new_sim):
@@ -324,10 +332,11 @@ def test_hundred_rows(new_plc, new_table_ioc):
         if seen[-1]:
             ioc.put("Speed", 5)
             alarms.add(ioc.alarm("Speed"))
+            alarms.add((ioc.text("Map"), ioc.severity("Map")))
         seen.append(ioc.get("Map:Progress"))
         return seen[-1] == 100
     until(done, lambda: f"100 %: {seen[-1]}\n{ioc.log}")
-    assert ("INVALID", "WRITE", "PLC is getting its table of pointers") in alarms, alarms
+    assert {("INVALID", "WRITE", "PLC is getting its table of pointers"), ("loading", "MINOR")} <= alarms, alarms
     wait_synced(ioc)
     assert commands(plc) == [1] + 101 * [2] + [3]       # 2010 bytes, 20 a block
     assert seen == sorted(seen) and plc_crc(plc) == crc(ptr)

@@ -1,6 +1,7 @@
 """Tables of pointers in the PLC: the SCL of plc-tables.scl and plcSim's program, side by side,
 one cycle at a time and without a network. Both must send the same bytes."""
 import os
+import re
 import subprocess
 
 import pytest
@@ -55,6 +56,26 @@ def test_a_table(both):
 
 def T(tx_rows=(tx(10, 0, 12, 16),), rx_rows=()):
     return tables.table(0x1299, tx_rows, rx_rows)
+
+
+def test_what_it_needs(program):
+    """plc-tables.md: four functions and three data blocks more than without tables, under the numbers of step 3"""
+    page = (texts.DOCS / "plc-tables.md").read_text()
+    plain = scenarios.document()
+    functions = [set(re.findall(r"^FUNCTION (\w+)", text, re.M)) for text in (plain, TEXT)]
+    blocks = [texts.symbols(text) for text in (plain, TEXT)]
+    assert functions[1] - functions[0] == {"MAP_ALLOWED", "MAP_CRC", "MAP_ROW", "MAP_LOAD"}
+    assert set(blocks[1]) - set(blocks[0]) == {"MAP_A", "MAP_B", "MAP"}
+    said = {name: int(number) for name, number in re.findall(r"(\w+) DB(\d+)", page.split("**Symbols.**")[1].split("4. **")[0])}
+    assert said == blocks[1] == {name: number for name, (number, _) in program.dbs.items()}
+
+
+def test_marks():
+    """plc-tables.md: what must be fitted to other sizes is marked TX 48, RX 32, ROWS 32"""
+    fitted = texts.fitted_tables(TEXT, 64, 40, 16, [(10, 0, 24, True)], tx=["IE_TX.DD44 := DB11.DD12"])
+    open_ = TEXT[TEXT.index("FUNCTION MAP_ALLOWED"):].split("END_FUNCTION")[0].splitlines()
+    changed = [line for line in TEXT.splitlines() if line not in fitted.splitlines() + open_ and "DD44" not in line]
+    assert len(changed) > 15 and all(re.search("// .*(TX 48|RX 32|ROWS 32)", line) for line in changed), changed
 
 
 BAD = {
@@ -278,6 +299,26 @@ def test_keeps_its_table(both):
     both.cycle()
 
 
+def test_spoilt_in_time(program, step):
+    """a bit that flips in the table in use is found after its bytes / 4 cycles, twice that at most"""
+    longest = 0
+    for wait in range(len(GOOD) // 4 + 2):
+        for byte in (14, len(GOOD) - 1):
+            both = fresh(program, step)
+            for _ in range(wait):
+                both.cycle()
+            both.plc.memory(20)[byte] ^= 1
+            both.step.put(20, byte, bytes(both.plc.memory(20)[byte:byte + 1]))
+            both.spoilt = True
+            cycles = 0
+            while both.plc.status()[0] == ACTIVE:
+                both.cycle()
+                cycles += 1
+                assert cycles < 1000
+            longest = max(longest, cycles)
+    assert len(GOOD) / 4 < longest <= 2 * len(GOOD) / 4 + 2, longest
+
+
 def test_random_lives(program, step):
     """random downloads, faults, restarts, HMI and IOCs: same bytes out, memory as rows allow
 
@@ -334,9 +375,13 @@ def test_mutants(step):
     number = int(os.environ.get("PLCLINK_MUTANTS", "101"))
     refused, failed, left = mutate.tried(TEXT, number,
                                          lambda text, program: survives(text, program, step))
+    shown = len(left)
     left = [(what, TEXT.splitlines()[pos[0] - 1].strip()) for what, pos in left]
     assert [spot for spot in left if not any(part in spot[1] for part in HARMLESS)] == []
     assert refused + failed >= 4 * len(left)
+    assert mutate.agrees((texts.DOCS / "plc-tables.md").read_text(),
+                         r"([\d,]+): (\d+) do not compile, (\d+) are noticed, (\d+) have no effect",
+                         TEXT, number, (refused, failed, shown))
 
 
 def survives(text, program, step):

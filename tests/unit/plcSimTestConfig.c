@@ -76,6 +76,9 @@ static const struct {
      "in = 8\ndb 9 8\ntx P#DB9.DBX0.0 BYTE 4 -> P#DB1.DBX0.0 BYTE 3", "different lengths"},
     {"a table where a block is", "in = 8\ndb 3 8\ntx P#DB3.DBX0.0 BYTE 4 -> 0",
      "DB_TX_PTRS cannot be DB3"},
+    {"map without sync", "in = 32\nout = 32\nmap = on", "map = on needs sync = on"},
+    {"map_rows between two multiples", "in = 48\nout = 32\nmap = on\nsync = on\nmap_rows = 33",
+     "map_rows is a multiple of 8"},
     {"tables without room for their header, and a transfer",
      "in = 32\nout = 12\nmap = on\nsync = on\ndb 9 8\ntx P#DB9.DBX0.0 BYTE 4 -> 20",
      "need 16 bytes at least"},
@@ -156,7 +159,7 @@ static void testTimes(void)
 
 MAIN(plcSimTestConfig)
 {
-    testPlan(37 + 7 + 6);
+    testPlan(39 + 7 + 6);
     testBad();
     testGood();
     testTimes();

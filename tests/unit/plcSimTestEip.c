@@ -459,6 +459,16 @@ static void testTimeout(void)
         "d4 00 01 01 13 01 02 00 37 13 2a 00 00 00 00 00");
 }
 
+/* Keys of the file that the tests above do without. */
+static void testKeys(void)
+{
+    build(ON "etherip_connections = 3\netherip_extra = refuse\ntag D DINT\n");
+    testOk(c->connections.most == 3, "etherip_connections: so many there may be");
+    row(&connected, LIMIT, "etherip_extra = refuse: bytes behind the data are too many",
+        "4d 02 " D "c4 00 01 00 05 00 00 00 ff", "cd 00 15 00");
+    dismantle();
+}
+
 static void testConnections(void)
 {
     size_t i;
@@ -492,6 +502,8 @@ static const struct {
      "d2 00 08 00"},
     {"micro800", "a connection without one", OPEN HEAD TRIAD "01 00 00 00 " SECOND
      "f4 43 " SECOND "f4 43 a3 02 20 02 24 01", "d4 00 00 00 ## ## ## ## " TAIL},
+    {"micro800", "505 bytes: 0109 and 504", OPEN HEAD "02 00 37 13 2a 00 00 00 01 00 00 00 " SECOND
+     "f9 43 " SECOND "f4 43 a3 02 20 02 24 01", "d4 00 01 02 09 01 f8 01 02 00 37 13 2a 00 00 00 00 00"},
     {"micro800", "a slot", OPEN HEAD TRIAD "01 00 00 00 " SECOND "f4 43 " SECOND
      "f4 43 a3 " ROUTER, "d4 00 01 01 11 03 " ECHO},
     {"micro800", "no packets", "0a 02 20 02 24 01 01 00 04 00 4c 02 " B "01 00",
@@ -531,12 +543,15 @@ static const struct {
      "cc 00 00 00 c1 00 08 00 03 00"},
     {"omron", "a byte has another behind it", "4c 02 91 01 53 00 01 00", "cc 00 00 00 c2 00 fb 00"},
     {"omron", "when it is read", "4d 02 91 01 53 00 c2 00 01 00 04 00", "cd 00 15 00"},
+    {"omron", "no list", "55 02 20 6b 24 00 01 00 01 00", "d5 00 08 00"},
     {"omron", "no fragments", "52 02 91 01 41 00 01 00 00 00 00 00", "d2 00 08 00"},
     {"omron", "no read-modify-write", "4e 02 91 01 53 00 01 00 01 ff", "ce 00 08 00"},
     {"omron", "a name that is not there", "4c 02 91 01 58 00 01 00", "cc 00 05 00"},
     {"omron", "1200 bytes do not fit", "4c 02 91 01 4c 00 01 00", "cc 00 11 00"},
     {"omron", "a STRING has two bytes of length", "4c 02 91 01 54 00 01 00",
      "cc 00 00 00 d0 00 02 00 61 62"},
+    {"omron", "503 bytes: 0109 and 502", OPEN HEAD TRIAD "01 00 00 00 " SECOND "f7 43 " SECOND
+     "f6 43 a3 " ROUTER, "d4 00 01 02 09 01 f6 01 " ECHO},
     {"omron", "1995 bytes: 0109 and 1994", LARGE HEAD TRIAD "01 00 00 00 " SECOND
      "cb 07 00 42 " SECOND "ca 07 00 42 a3 " ROUTER, "db 00 01 02 09 01 ca 07 " ECHO},
 };
@@ -772,11 +787,12 @@ static void testMutated(void)
 
 MAIN(plcSimTestEip)
 {
-    testPlan(240);
+    testPlan(245);
     testServed();
     testLimits();
     testUnconnected();
     testConnections();
+    testKeys();
     testProfiles();
     testOmronPacket();
     testChanges();

@@ -498,27 +498,43 @@ static void testConnectedFaults(void)
     close(fd);
 }
 
+/* Its lowest byte */
+#define WRITE_D(byte) "4d 02 91 01 44 00 c4 00 01 00 " byte " 33 22 11"
+
 static void testEnds(void)
 {
-    int fd = openClient();
-    unsigned long session = register_(fd);
-    epicsUInt8 bytes[100];
+    int fd = openClient(), slow = openClient();
+    unsigned long session = register_(fd), other = register_(slow);
+    char error[SIM_ERROR_SIZE];
+    epicsUInt8 bytes[100], *d;
+    simEipPlace place;
+    double start;
 
+    simEipTagsPlace(&eip->controller.tags, "D", &place, error);
+    d = place.bytes;
     command("silent next 1");
     sayDirect(fd, session, "4d 02 91 01 44 00 c4 00 01 00 01 02 03 04");
     testOk(works(fd, session),
            "silent: nothing is done, nothing is said; the next works");
     testOk(eip->counts.silent == 1, "which is counted");
     command("garbage 10 next 1");
-    sayDirect(fd, session, READ_D);
-    testOk(clientHear(fd, bytes, 10) == 10, "garbage: 10 bytes");
-    command("slow 20 next 1");
-    sayDirect(fd, session, READ_D);
-    clientTurn();
-    testOk(hearsDirect(fd, session, IS_D), "slow: the answer comes");
+    sayDirect(fd, session, WRITE_D("45"));
+    testOk(clientHear(fd, bytes, 10) == 10 && d[0] == 0x45, "garbage: it is done, 10 bytes");
+    command("slow 60 next 1");
+    start = simNow();
+    sayDirect(fd, session, WRITE_D("44"));
+    UNTIL(d[0] == 0x44);
+    testOk(d[0] == 0x44, "slow: it is done");
+    testOk(hearsDirect(fd, session, "cd 00 00 00") && simNow() - start >= 0.06,
+           "slow: the answer comes, not before its time");
+    command("slow 3600000 next 1");
+    sayDirect(slow, other, WRITE_D("46"));
+    UNTIL(d[0] == 0x46);
+    testOk(d[0] == 0x46 && recv(slow, bytes, 1, MSG_DONTWAIT) < 0, "slow: it is done at once");
+    close(slow);
     command("short 30 next 1");
-    sayDirect(fd, session, READ_D);
-    testOk(clientHear(fd, bytes, 30) == 30, "short: 30 bytes");
+    sayDirect(fd, session, WRITE_D("44"));
+    testOk(clientHear(fd, bytes, 30) == 30 && d[0] == 0x44, "short: it is done, 30 bytes");
     sayDirect(fd, session, READ_D);
     UNTIL(eip->counts.silent == 2);
     testOk(recv(fd, bytes, 1, MSG_DONTWAIT) < 0, "and nothing more");
@@ -526,15 +542,16 @@ static void testEnds(void)
     fd = openClient();
     session = register_(fd);
     command("close next 1");
-    sayDirect(fd, session, READ_D);
-    testOk(clientHear(fd, bytes, 25) == 25 && clientHearsEnd(fd) == ENDED,
-           "close: half of it, then the end");
+    sayDirect(fd, session, WRITE_D("47"));
+    testOk(clientHear(fd, bytes, 99) == 22 && clientHearsEnd(fd) == ENDED && d[0] == 0x47,
+           "close: it is done, half of the answer, then the end");
     close(fd);
     fd = openClient();
     session = register_(fd);
     command("drop next 1");
-    sayDirect(fd, session, READ_D);
-    testOk(clientHearsEnd(fd) == ENDED, "drop: the end");
+    sayDirect(fd, session, WRITE_D("48"));
+    testOk(clientHearsEnd(fd) == ENDED && d[0] == 0x47, "drop: nothing is done, the end");
+    d[0] = 0x44;
     close(fd);
     testOk(freshWorks() && eip->controller.faults.count == 0, "all faults are used up");
 }
@@ -659,7 +676,7 @@ static void testMutated(void)
 
 MAIN(plcSimTestEipServer)
 {
-    testPlan(75);
+    testPlan(77);
     simLogQuiet(2);
     setUp("");
     testFrames();

@@ -106,6 +106,13 @@ static void testAny(void)
         {{"p#i4.2", "bool", "1"}, "\x10\x01\x00\x01\x00\x00\x81\x00\x00\x22", 1},
         {{"P#Q0.0", "DWORD", "16384"}, "\x10\x06\x40\x00\x00\x00\x82\x00\x00\x00", 65536},
         {{"P#DB1.DBX0.0", "DATE_AND_TIME", "1"}, "\x10\x0e\x00\x01\x00\x01\x84\x00\x00\x00", 8},
+        {{"P#DB1.DBX0.0", "CHAR", "3"}, "\x10\x03\x00\x03\x00\x01\x84\x00\x00\x00", 3},
+        {{"P#DB1.DBX0.0", "INT", "3"}, "\x10\x05\x00\x03\x00\x01\x84\x00\x00\x00", 6},
+        {{"P#DB1.DBX0.0", "DINT", "3"}, "\x10\x07\x00\x03\x00\x01\x84\x00\x00\x00", 12},
+        {{"P#DB1.DBX0.0", "DATE", "3"}, "\x10\x09\x00\x03\x00\x01\x84\x00\x00\x00", 6},
+        {{"P#DB1.DBX0.0", "TIME_OF_DAY", "3"}, "\x10\x0a\x00\x03\x00\x01\x84\x00\x00\x00", 12},
+        {{"P#DB1.DBX0.0", "TIME", "3"}, "\x10\x0b\x00\x03\x00\x01\x84\x00\x00\x00", 12},
+        {{"P#DB1.DBX0.0", "S5TIME", "3"}, "\x10\x0c\x00\x03\x00\x01\x84\x00\x00\x00", 6},
     };
     size_t i;
 
@@ -185,6 +192,7 @@ static void testSync(void)
     testOk(answer("\x01\x01\x12\x34\x01\x02\x03\x04\x05\x06\0\0", 1) == SIM_TX_REMOTE,
            "one bit that differs gives no SYNC");
     testOk(answer(CHECK, 1) == (SIM_TX_SYNC | SIM_TX_REMOTE), "equal values give SYNC");
+    testOk(answer(CHECK, 1) == (SIM_TX_SYNC | SIM_TX_REMOTE), "with equal values again SYNC stays");
     testOk(answer(DATA, 1) == (SIM_TX_SYNC | SIM_TX_REMOTE) &&
                !memcmp(db10->bytes, "\x11\x12\x13\x14\x15\x16\0\0", 8),
            "then data is taken");
@@ -229,6 +237,10 @@ static void testWhatEndsSync(void)
     call(1, 1, 1, NULL);
     testOk(tx->bytes[0] == (SIM_TX_SYNC | SIM_TX_REMOTE), "heartbeats keep the watchdog quiet");
     testOk(program.counts.watchdogs == 1, "it expired once");
+    program.watchdog = 0;
+    now += 1e6;
+    call(1, 1, 1, NULL);
+    testOk(tx->bytes[0] == (SIM_TX_SYNC | SIM_TX_REMOTE), "watchdog 0: never");
     tearDown();
 }
 
@@ -381,9 +393,20 @@ static void testBadPointers(void)
     }
 }
 
+static void testBadSource(void)
+{
+    setUp(0);
+    memcpy(program.unpack.table->bytes + 4, "\x00\x01", 2);
+    call(1, 1, 0, DATA);
+    testOk(program.unpack.retVal == 0x8124 && db10->bytes[0] == 1 && db10->bytes[2] == 0x13,
+           "source not in IE_RX: RET_VAL W#16#%04X, refused; the next one is served",
+           program.unpack.retVal);
+    tearDown();
+}
+
 MAIN(plcSimTestProgram)
 {
-    testPlan(14 + 7 + 2 + 11 + 9 + 4 + 4 + 2 + 2 + 7 + 24);
+    testPlan(28 + 7 + 2 + 12 + 10 + 4 + 4 + 2 + 2 + 7 + 24 + 1);
     simLogQuiet(2);
     testAny();
     testPack();
@@ -396,5 +419,6 @@ MAIN(plcSimTestProgram)
     testInterference();
     testMoved();
     testBadPointers();
+    testBadSource();
     return testDone();
 }
