@@ -1,5 +1,6 @@
 """The SCL of the documents: types, layout, and what the program does, cycle by cycle."""
 import os
+import re
 
 import pytest
 
@@ -21,6 +22,24 @@ def program():
 def test_scenario(program, scenario):
     """the program of plc-programming.md, cycle by cycle: {id}"""
     scenario(scenarios.Plc(program))
+
+
+def test_nan(program):
+    """a REAL that is NaN is equal to itself: the program compares bytes"""
+    plc = scenarios.Plc(program)
+    plc.points[:4] = b"\x7f\xc0\0\1"
+    plc.synced()
+    plc.take(2)
+    plc.cycle(30)
+    assert plc.sync and bytes(plc.points[:4]) == b"\x7f\xc0\0\1"
+
+
+def test_pointer(program):
+    """P#DB10.DBX0.0 BYTE 8 is in the tables as the page shows it, source and then destination"""
+    page = (texts.DOCS / "plc-programming.md").read_text()
+    shown = bytes.fromhex(re.search(r"^ {6}(10( +[0-9A-F]{2}){9})$", page, re.M)[1])
+    dbs = scenarios.Plc(program).machine.dbs
+    assert bytes(dbs[3][:10]) == shown == bytes(dbs[4][10:20])
 
 
 # --- What the compiler must refuse ------------------------------------------------------------

@@ -1,6 +1,7 @@
 """What the documents show as printed is what is printed: messages letter by letter, reports and
 demonstrations with any numbers."""
 import re
+import socket
 import subprocess
 
 import pytest
@@ -271,6 +272,26 @@ def test_log_lines():
     for line in shown("alarms.md", "s7plc PRESS: connected").splitlines():
         text = line.removeprefix("s7plc PRESS: ")
         assert any(re.fullmatch(k, text) or re.fullmatch(k, line) for k in known), text
+
+
+def test_handshake_of_sync(new_sim, closing):
+    """plc-programming.md: the blocks of the example are those of iocBoot/iocSync, and what they say is so"""
+    sim = new_sim((TOP / "iocBoot/iocSync/sync.plc").read_text())
+    blocks = [(line.startswith("PLC"), bytes.fromhex(re.match(r".*?-> \w+ +((?:[0-9A-F]{2} +)+)", line + " ")[1]))
+              for line in shown("plc-programming.md", "PLC -> IOC   02 2A").splitlines()]
+    plc = socket.create_connection(("127.0.0.1", sim.port))
+    closing(plc)
+    for of_plc, block in blocks:
+        if not of_plc:
+            plc.sendall(block)
+            continue
+        seen = []
+
+        def comes():
+            seen[:] = [plc.recv(32, socket.MSG_WAITALL)[:len(block)]]  # noqa: B023
+            return seen[0][:1] + seen[0][2:] == block[:1] + block[2:]  # noqa: B023
+        until(comes, lambda: seen[0].hex(" "))  # noqa: B023
+    assert sim.command("get DB10.0 REAL32").endswith("= 30")
 
 
 def test_console_of_sync(new_sim):

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from client import TOP
-from soak.__main__ import TRANSPORTS
+from soak.__main__ import PROGRAMS, TRANSPORTS, arguments, seconds
 
 
 def soak(folder, *words):
@@ -37,8 +37,36 @@ def test_liar(tmp_path, transport, lie, kinds):
     assert done.returncode == 1, done.stdout
     assert re.search(rf"episode \d+: ({kinds}): ", done.stdout), done.stdout
     assert "again: make soak SEED=3" in done.stdout
-    assert "IOC's log" in (tmp_path / f"{transport}-0/log.txt").read_text()
+    log = (tmp_path / f"{transport}-0/log.txt").read_text()
+    assert re.search(r"^ +\d+\.\d+ \S+ episode 0: .* s$", log, re.M) and "--- the IOC's log" in log and "--- plcSim" in log and "--- the last blocks: [(" in log
     assert "Nothing lost" not in (tmp_path / "report.html").read_text()
+
+
+def test_defaults(monkeypatch):
+    """ten minutes, one of each transport but cpppo and of the random unit tests, a seed from the clock, a folder named after it"""
+    monkeypatch.setattr(sys, "argv", ["soak"])
+    options = arguments()
+    assert (options.duration, options.instances) == (600, 1) and options.out == TOP / f"tests/soak/O.{options.seed}"
+    page = (TOP / "docs/soak.md").read_text()
+    told = [name for row in re.findall(r"^\| `TRANSPORTS` .*$", page, re.M) for part in re.findall(r"`([\w,]+,[\w,]+)`", row)
+            for name in part.split(",")]
+    assert told == [*TRANSPORTS, *PROGRAMS] and options.transports == [name for name in told if name != "cpppo"]
+    assert options.seed != arguments().seed
+    assert [seconds(text) for text in ("90s", "10m", "1.5h")] == [90, 600, 5400]
+
+
+def test_words(tmp_path):
+    """the words of make soak reach the program: DURATION, SEED, TRANSPORTS, INSTANCES, OUT; the seed is printed"""
+    done = subprocess.run([TOP / "tests/soak/run", "DURATION=2s", "SEED=42", "TRANSPORTS=blocks", "INSTANCES=2", f"OUT={tmp_path}"],
+                          stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    assert done.returncode == 0, done.stdout
+    assert f"soak: seed 42, 2 s, blocks, 2 of each; logs and report in {tmp_path}" in done.stdout
+    for name in "blocks-0", "blocks-1":
+        assert json.loads((tmp_path / name / "result.json").read_text())["about"]["seed"] == 42
+    assert (tmp_path / "report.html").exists()
+    assert re.search(r"^soak 0:00:\d\d  2 scenarios, \d+ episodes, \d+ values and \d+ setpoints judged", done.stdout, re.M)
+    done = subprocess.run([TOP / "tests/soak/run", "PIGEON=1"], stdin=subprocess.DEVNULL, capture_output=True, text=True)
+    assert done.returncode == 2 and "usage: make soak" in done.stderr
 
 
 def test_arguments(tmp_path):

@@ -1,5 +1,6 @@
 """The plan and the judge of the soak (docs/soak.md): pure logic, each verdict both ways."""
 import contextlib
+import importlib
 import struct
 import time
 import types
@@ -8,6 +9,7 @@ import pytest
 from epics.ca import ChannelAccessException
 
 from soak import judge, plan, report, wire
+from soak.__main__ import TRANSPORTS
 from soak.blocks import Edges, Frames
 from soak.etherip import EtherIp
 from soak.pair import Pair
@@ -29,6 +31,14 @@ def test_plan():
     assert sum(s.fault == "a" for s in steps) > sum(s.fault == "b" for s in steps)
     assert any(len(e.steps) == 2 for e in first) and all(
         len({s.fault for s in e.steps}) == len(e.steps) for e in first)
+
+
+def test_five_seconds():
+    """no fault of any scenario lasts longer than five seconds"""
+    for name in TRANSPORTS.values():
+        module, kind = name.split(".")
+        faults = getattr(importlib.import_module(f"soak.{module}"), kind).FAULTS
+        assert faults and all(0 <= fault.shortest <= fault.longest <= 5 for fault in faults), name
 
 
 def test_apart():

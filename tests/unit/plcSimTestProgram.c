@@ -100,6 +100,7 @@ static void testAny(void)
         size_t size;
     } rows[] = {
         {{"P#DB2.DBX4.0", "BYTE", "34"}, "\x10\x02\x00\x22\x00\x02\x84\x00\x00\x20", 34},
+        {{"P#DB10.DBX0.0", "BYTE", "8"}, "\x10\x02\x00\x08\x00\x0a\x84\x00\x00\x00", 8},
         {{"P#DB2.DBX4.3", "BOOL", "8"}, "\x10\x01\x00\x08\x00\x02\x84\x00\x00\x23", 1},
         {{"P#DB258.DBX8191.0", "WORD", "2"}, "\x10\x04\x00\x02\x01\x02\x84\x00\xff\xf8", 4},
         {{"P#M10.0", "REAL", "3"}, "\x10\x08\x00\x03\x00\x00\x83\x00\x00\x50", 12},
@@ -406,7 +407,7 @@ static void testBadSource(void)
 
 MAIN(plcSimTestProgram)
 {
-    testPlan(28 + 7 + 2 + 12 + 10 + 4 + 4 + 2 + 2 + 7 + 24 + 1);
+    testPlan(30 + 7 + 2 + 12 + 10 + 4 + 4 + 2 + 2 + 7 + 24 + 1);
     simLogQuiet(2);
     testAny();
     testPack();

@@ -457,6 +457,7 @@ static void tables(void)
 {
     static const unsigned char remote[] = {2, 0, 0, 0}, local[] = {0, 0, 0, 0};
     unsigned char header[4];
+    int i, first, wrong = 0;
     plcSync s;
 
     plcSyncInit(&s, 7);
@@ -494,6 +495,12 @@ static void tables(void)
     plcSyncInit(&s, 7);
     plcSyncConnected(&s);
     plcSyncHeader(&s, header, 1);
+    first = header[1];
+    for (i = 1; i <= 600; i++) {
+        plcSyncHeader(&s, header, 1);
+        wrong += header[1] != (first + i) % 256;
+    }
+    testOk(!wrong, "the counter goes up by 1 with each block, from 255 to 0");
     testOk(!s.asked, "a header that is made before the PLC has shown anything asks nothing");
 }
 
@@ -501,7 +508,7 @@ MAIN(syncTest)
 {
     (void)argc;
     (void)argv;
-    testPlan(ROWS + 7 + 5 + 4);
+    testPlan(ROWS + 7 + 5 + 4 + 1);
     transitions();
     headers();
     tables();

@@ -1,0 +1,94 @@
+"""docs/testing.md: what it says of the programs that run the tests, from these programs."""
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import conftest
+import pytest
+import test_promises
+
+from client import TOP
+
+PAGE = (TOP / "docs/testing.md").read_text()
+CHECK, RUN = (TOP / name for name in ("tests/check/run", "tests/run"))
+
+
+def test_steps():
+    """the steps of make check-all are those of the page, each with the flags that it names; another one is refused"""
+    steps = re.search(r'^steps="(.+)"$', CHECK.read_text(), re.M)[1].split()
+    rows = re.findall(r"^\| (`[^|]*`) \|", PAGE.split("## make check-all")[1], re.M)
+    assert sorted(steps) == sorted(name for row in rows for name in re.findall(r"`([\w-]+)`", row))
+    ended = subprocess.run([CHECK, "pigeon"], capture_output=True, text=True, timeout=60)
+    assert ended.returncode == 2 and " ".join(steps) in ended.stderr
+    warnings = (TOP / "configure/CONFIG_SITE").read_text() + "".join(
+        file.read_text() for file in (TOP / "configure").glob("CONFIG_PLCLINK*"))
+    assert all(flag in warnings for flag in ("-Wall", "-Wextra", "-Werror"))
+    assert "-std=c99" in (TOP / "tests/check/c99").read_text() and "-pedantic" in (TOP / "tests/check/c99").read_text()
+
+
+@pytest.mark.parametrize("failing", ["", "two"])
+def test_check_goes_on(tmp_path, failing):
+    """a step of make check-all that fails leaves its log and the others go on; status 1; when all is well nothing is left"""
+    text = CHECK.read_text()
+    loop = text[text.index("failed=\nfor step"):]
+    work = tmp_path / "work"
+    work.mkdir()
+    script = (f"steps='one two three'\nwork={work}\nstep() {{ echo ran $1; echo $1 >>{tmp_path}/ran; [ $1 != '{failing}' ]; }}\n{loop}")
+    ended = subprocess.run(["sh", "-c", script], capture_output=True, text=True, timeout=60)
+    lines = ended.stdout.splitlines()
+    assert (tmp_path / "ran").read_text().split() == ["one", "two", "three"]
+    assert [line.split()[0] for line in lines[:3]] == ["one", "two", "three"] and lines[0].split()[-1] == "ok"
+    assert ended.returncode == (1 if failing else 0) and work.exists() == bool(failing)
+    if failing:
+        assert "FAILED" in lines[1] and (work / "two.log").read_text() == "ran two\n" and lines[2].split()[-1] == "ok"
+        assert lines[-1] == "failed: two"
+
+
+def test_run():
+    """tests/run takes unit, map and system, and three system tests run side by side unless it is told otherwise"""
+    ended = subprocess.run([RUN, "pigeon"], capture_output=True, text=True, timeout=60)
+    assert ended.returncode == 2 and "unit | map" in ended.stderr
+    line = re.search(r"^workers=.*$", RUN.read_text(), re.M)[0]
+    for told, workers in (None, "3"), ("1", "1"):
+        env = {**os.environ, "PLCLINK_TEST_WORKERS": told} if told else \
+            {k: v for k, v in os.environ.items() if k != "PLCLINK_TEST_WORKERS"}
+        assert subprocess.run(["sh", "-c", f"{line}; echo $workers"], env=env, capture_output=True, text=True).stdout == workers + "\n"
+    assert RUN.read_text().count('-n "$workers"') == 2
+
+
+def test_limit():
+    """PLCLINK_TEST_LIMIT=300 lets 300 s for what is waited for"""
+    for told, limit in ("300", 300.0), ("", 60.0):
+        env = {k: v for k, v in os.environ.items() if k != "PLCLINK_TEST_LIMIT"}
+        env.update({"PLCLINK_TEST_LIMIT": told} if told else {})
+        shown = subprocess.run([sys.executable, "-c", "import waiting; print(waiting.LIMIT)"], cwd=Path(__file__).parent,
+                               env=env, capture_output=True, text=True, check=True).stdout
+        assert float(shown) == limit
+
+
+def test_all(monkeypatch):
+    """PLCLINK_ALL=1: the runs against the SCL that are left out every day are run too"""
+    item = SimpleNamespace(module=SimpleNamespace(SCL_ALWAYS=("test_put",)), callspec=SimpleNamespace(id="SCL-x"),
+                           originalname="test_other")
+    monkeypatch.delenv("PLCLINK_ALL", raising=False)
+    assert conftest.left_out(item)
+    monkeypatch.setenv("PLCLINK_ALL", "1")
+    assert not conftest.left_out(item)
+
+
+@pytest.mark.parametrize("old, new, fails", [
+    ("| No record ever waits for the network |", "| No record never waits for the network |", test_promises.test_quoted),
+    ("`test_scale.py::test_black_hole`", "`test_scale.py::test_white_hole`", test_promises.test_tests),
+    ("`recordTestTypes`", "`recordTestTypos`", test_promises.test_tests)], ids=["a sentence", "a test", "a program"])
+def test_of_promises(tmp_path, monkeypatch, old, new, fails):
+    """test_promises.py fails where a quoted sentence has been changed, or a test is gone: {id}"""
+    text = test_promises.PAGE.read_text()
+    assert old in text
+    page = SimpleNamespace(read_text=lambda: text.replace(old, new, 1), parent=test_promises.PAGE.parent)
+    fails()
+    monkeypatch.setattr(test_promises, "PAGE", page)
+    with pytest.raises(AssertionError, match=new.split("|")[-2].strip() if "|" in new else new.strip("`")):
+        fails()
