@@ -14,9 +14,11 @@ record(longin, "$(P)in") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT32") fie
 @pytest.mark.parametrize("sent, size", [(60, 64), (100, 64), (63, 64), (65, 64), (40, 64),
                                         (128, 100), (1000, 1024), (10, 4)])
 def test_wrong_size(new_peer, new_ioc, sent, size):
-    """blocks of {sent} bytes where inSize is {size}: said once with both numbers, and INVALID"""
+    """blocks of {sent} bytes where inSize is {size}: said once with both numbers, INVALID, and counted"""
     peer = new_peer(size, 0)
-    ioc = new_ioc(peer.configure(), IN)
+    ioc = new_ioc(peer.configure(), IN + """
+        record(longin, "$(P)count") { field(DTYP, "S7plc stats") field(INP, "@PLC/reconnects") }
+        """)
     peer.wait_connected()
     peer.every(0.02, bytes(sent))
     line = ioc.wait_log("the PLC sends blocks of")
@@ -24,7 +26,8 @@ def test_wrong_size(new_peer, new_ioc, sent, size):
     ioc.wait_alarm("in", "INVALID", "COMM", f"PLC sends {sent} bytes, inSize is {size}",
                    ask=True)
     peer.wait_connected(len(peer.connections) + 2)  # it goes on trying
-    assert ioc.log_count("the PLC sends blocks of") == 1
+    ioc.process_record("count")
+    assert ioc.log_count("the PLC sends blocks of") == 1 and ioc.get("count") >= 2
     assert ioc.alarm("in")[:2] == ("INVALID", "COMM")
 
 

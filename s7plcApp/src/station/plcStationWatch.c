@@ -83,6 +83,7 @@ PLC_COLD static void lineWrongSize(plcStation *s, unsigned i, size_t burst, epic
     line->wrongSize = 1;
     epicsMutexMustLock(s->lock);
     s->stats.sizeMismatches++;
+    s->stats.disconnects += !first; /* else plcLineLost counts it */
     s->stats.burstSize = (epicsUInt32)burst;
     epicsMutexUnlock(s->lock);
     plcStationReason(s, i, why);
