@@ -342,8 +342,16 @@ def test_forms(new_peer, new_asyn):
     ('drvAsynS7plcConfigure("", "PLC")', "the name of the port is missing"),
     ('drvAsynS7plcConfigure("A", "PLC")\ndrvAsynS7plcConfigure("B", "PLC")',
      "this PLC has an asyn port already"),
+    ('drvAsynS7plcConfigure("A", "PLC")\ns7plcConfigure "OTHER", "", 0, 8, 8\ndrvAsynS7plcConfigure("A", "OTHER")',
+     "asyn does not take this port name; is it in use?"),
+    ("iocInit\ndrvAsynS7plcConfigure A, PLC", "comes before iocInit"),
+    ('drvAsynS7plcConfigure("A", "PLC", -1)', "initialWait=-1; allowed: 0 to 60000 ms"),
+    ('drvAsynS7plcConfigure("A", "PLC", 60001)', "initialWait=60001; allowed: 0 to 60000 ms"),
+    ('drvAsynS7plcConfigure("A,B", "PLC")', "a port name has no blanks, commas or brackets"),
+    ('drvAsynS7plcConfigure("A)", "PLC")', "a port name has no blanks, commas or brackets"),
     ('drvAsynS7plcConfigure("A", "PLC", "soon")', "initialWait=soon; allowed: 0 to 60000 ms"),
-], ids=["no such PLC", "a blank in the name", "no name", "a second port", "a bad number"])
+], ids=["no such PLC", "a blank in the name", "no name", "a second port", "a name in use", "after iocInit",
+        "-1", "60001", "a comma", "a bracket", "a bad number"])
 def test_bad_configure(new_peer, new_asyn, line, message):
     """drvAsynS7plcConfigure says what is wrong: {id}"""
     peer = new_peer(16, 16)

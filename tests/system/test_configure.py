@@ -1,5 +1,6 @@
 """What users type wrong: s7plcConfigure, links, options. One message each; the IOC goes on."""
 import random
+import re
 import string
 
 import pytest
@@ -54,6 +55,7 @@ def test_wrong_arguments(new_peer, new_ioc, wrong):
     assert len(errors) == 1, errors
     assert "s7plcConfigure" in errors[0]
     assert "allowed" in errors[0] or "once" in errors[0], errors
+    assert len(re.findall(r"^  \S", ioc.command("s7plcReport"), re.MULTILINE)) == 1  # the PLC that is good
     peer.wait_connected()
     peer.send(b"\0\0\0\x07")
     ioc.wait_value("in", 7)
@@ -89,6 +91,25 @@ def test_names(new_peer, new_ioc, name):
     peer.wait_connected()
     peer.send(b"\0\0\0\x07")
     ioc.wait_value("in", 7)
+
+
+LATE = """
+record(longin, "$(P)in") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT32") field(SCAN, "I/O Intr") }
+record(longin, "$(P)put") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT32") field(SCAN, "I/O Intr") }
+"""
+
+
+def test_after_ioc_init(new_peer, new_ioc):
+    """a PLC that is configured after iocInit is there for links that are put then, and for no others"""
+    peer = new_peer(4, 0)
+    ioc = new_ioc("", LATE)
+    ioc.command(peer.configure())
+    peer.wait_connected()
+    ioc.put("put.INP", "@PLC/0 T=INT32")
+    peer.send(b"\0\0\0\x07")
+    ioc.wait_value("put", 7)
+    ioc.process_record("in")
+    assert ioc.alarm("in") == ("INVALID", "LINK", 'no PLC "PLC"')
 
 
 def malformed():

@@ -76,6 +76,41 @@ def test_holdoff_of_wires(new_ioc):
     assert shown == {"BLOCKS": "0.2", "MODBUS": "0", "EIP": "0"}
 
 
+# --- s7plcConfigure --------------------------------------------------------------------------------
+
+GOOD = {"PLCname": "{name}", "IPaddr": "127.0.0.1", "port": "1", "inSize": "8", "outSize": "8", "bigEndian": "1",
+        "recvTimeout": "500", "sendInterval": "100"}
+WORDS = {"PLCname": (["x" * 255], ["x" * 256, '""', '"a b"', "a/b"]),
+         "IPaddr": (["localhost", "127.0.0.2"], ["192.168.1", '"a b"'])}
+
+
+def test_arguments_of_configure(new_ioc):
+    """iocsh.md: s7plcConfigure takes of each argument what the table says, and no more"""
+    ioc, rows = new_ioc("", ""), {row[0]: row[1:] for row in table("iocsh.md", "argument", "allowed", "meaning")}
+    assert list(rows) == list(GOOD)
+
+    def takes(**words):
+        name = f"P{len(ioc.lines)}"
+        said = ioc.command("s7plcConfigure " + ", ".join({**GOOD, **words}.values()).format(name=name))
+        assert ("sevr=major s7plcConfigure" in said) == ("allowed" in said or "once" in said), said
+        return "sevr=major s7plcConfigure" not in said and name
+
+    for argument, (allowed, _) in rows.items():
+        good, bad = WORDS.get(argument, ((), ()))
+        limits = re.match(r"(\d+) \.\.\. (\d+)(?! char)|(0), (1)$", allowed)
+        if limits and argument not in WORDS:
+            low, high = (int(n) for n in limits.groups() if n)
+            good, bad = [low, high], [high + 1] + [low - 1] * ("0 = " not in allowed and argument != "port") + [-1]
+        assert good and all(takes(**{argument: str(word)}) for word in good), argument
+        assert not [word for word in bad if takes(**{argument: str(word)})], argument
+        default = re.search(r", 0 = (\d+)$", allowed)
+        if default:
+            shown = ioc.command(f"s7plcSetOption {takes(**{argument: '0'})}")
+            assert re.search(rf"^  {argument} +{default[1]} ", shown, re.M), shown
+    assert takes(IPaddr='""', port="0") and not takes(port="0")
+    assert not takes(PLCname="x" * 255)  # each once
+
+
 # --- Types and links ------------------------------------------------------------------------------
 
 def messages(ioc):

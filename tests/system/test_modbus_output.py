@@ -821,6 +821,7 @@ def test_wrong(new_peer, new_modbus, new_ioc):
     blocks.wait_connected()
     blocks.every(0.05, b"\0\5" + bytes(6))
     ioc.wait_value("in", 5)
+    assert "s7plcModbusOutput PLC: comes before iocInit" in ioc.command(f's7plcModbusOutput PLC, "", {plc.port}, 1, 0')
 
 
 def test_pair_refused(new_peer, new_modbus, new_ioc):

@@ -331,11 +331,46 @@ def test_report(new_peer, new_ioc):
     assert f"127.0.0.1:{peer.port}" in report and "ok" in report
     assert "in 4 bytes, out 4 bytes, big endian" in report
     assert "in:  3 blocks, 12 bytes" in report
-    assert f"127.0.0.1:{peer.port}" in ioc.command("dbior s7plc 0")
-    assert "time from block to block" in ioc.command("s7plcReport PLC 2")
-    ioc.command("s7plcStatsReset PLC")
-    assert "in:  0 blocks" in ioc.command("s7plcReport PLC 1")
     assert "no PLC" in ioc.command("s7plcReport NOPLC")
+
+
+def test_report_levels(new_peer, new_ioc):
+    """s7plcReport PLC 0 is one line, 1 adds options and counters, 2 histograms, 3 the blocks; dbior prints the same"""
+    peer = new_peer(4, 4)
+    ioc = new_ioc(peer.configure(recv_timeout=3600000), IN + OUT)
+    peer.wait_connected()
+    send(peer, 1, 2, 3)
+    ioc.wait_value("in", 3)
+    shown = ioc.command("s7plcShow PLC")
+    assert "PLC in, PLC -> IOC" in shown and "PLC out, IOC -> PLC" in shown
+    reports = []
+    for level in range(4):
+        reports.append(ioc.command(f"s7plcReport PLC {level}"))
+        assert ioc.command(f"dbior s7plc {level}").split("\n", 2)[2] == reports[level]
+    assert reports[1] == ioc.command("s7plcReport PLC") and len(reports[0].splitlines()) == 1
+    for level, part in (1, "options:"), (1, "in:  3 blocks"), (2, "time from block to end of scan"), (3, shown):
+        assert [part in report for report in reports] == [n >= level for n in range(4)], part
+
+
+def test_stats_reset(new_peer, new_ioc):
+    """s7plcStatsReset sets counters and times of one PLC to zero, without a name those of all"""
+    peers = {name: new_peer(4, 0) for name in "AB"}
+    ioc = new_ioc("\n".join(peer.configure(name, recv_timeout=3600000) for name, peer in peers.items()),
+                  "".join(IN.replace("in\"", f"{name}\"").replace("@PLC", f"@{name}").replace("(P)n", f"(P)n{name}")
+                          for name in peers))
+
+    def blocks():
+        return re.findall(r"in:  (\d) blocks.*?\n(?:.*\n){2}(?:.*(period))?", ioc.command("s7plcReport") + "\n")
+    for name, peer in peers.items():
+        peer.wait_connected()
+        send(peer, 1, 2, 3)
+        ioc.wait_value(name, 3)
+    assert blocks() == [("3", "period")] * 2
+    assert re.findall(r"^  (\w)", ioc.command("s7plcReport B"), re.M) == ["B"]
+    ioc.command("s7plcStatsReset A")
+    assert blocks() == [("0", ""), ("3", "period")]
+    ioc.command("s7plcStatsReset")
+    assert blocks() == [("0", "")] * 2
 
 
 LOG = OUT.replace("/0 T=INT32", "/4 T=INT16") + """
@@ -412,9 +447,23 @@ def test_log_of_a_large_block(new_peer, new_ioc):
 
 
 def test_debug_variable(new_peer, new_ioc):
-    """var s7plcDebug 5 shows the blocks of all PLCs"""
-    peer = new_peer(4, 0)
-    ioc = new_ioc(peer.configure(recv_timeout=60000) + "\nvar s7plcDebug 5", IN)
-    peer.wait_connected()
-    send(peer, 0x09080706)
-    ioc.wait_log("s7plc PLC: in    0: 09 08 07 06")
+    """var s7plcDebug 1 hints at a longin on a UINT32, 2 shows the puts of all PLCs, 5 their blocks"""
+    peers = {name: new_peer(4, 4) for name in "AB"}
+    ioc = new_ioc("\n".join(peer.configure(name) for name, peer in peers.items()) + "\nvar s7plcDebug 1",
+                  "".join(f"""
+        record(longin, "$(P)in{name}") {{ field(DTYP, "S7plc") field(INP, "@{name}/0 T=UINT32") field(SCAN, "I/O Intr") }}
+        record(longout, "$(P)out{name}") {{ field(DTYP, "S7plc") field(OUT, "@{name}/0 T=INT32") }}
+        """ for name in peers))
+    assert ioc.log_count("longin shows a UINT32 above 2147483647 as negative") == 2
+    for level in 1, 2, 4, 5:
+        ioc.command(f"var s7plcDebug {level}")
+        for name, peer in peers.items():
+            peer.wait_connected()
+            peer.send(bytes([9, 8, 7, level]))
+            ioc.wait_value(f"in{name}", 0x09080700 + level)
+            ioc.put(f"out{name}", level)
+            peer.wait_block(bytes([0, 0, 0, level]))
+            ioc.command("")
+            assert (f"s7plc {name}: put    0: 00 00 00 0{level}" in ioc.log) == (level >= 2)
+            assert (f"s7plc {name}: in    0: 09 08 07 0{level}" in ioc.log) == (level >= 5)
+            assert (f"s7plc {name}: out    0: 00 00 00 0{level}" in ioc.log) == (level >= 5)

@@ -72,14 +72,25 @@ def test_driver_listens_on_nothing(new_ioc, new_peer, program):
           lambda: f"{listeners(ioc.process.pid)} is not {listeners(bare.process.pid)}")
 
 
+def test_plctag_listens_on_nothing(new_sim):
+    """plcTag opens no port"""
+    sim = new_sim(SERVERS)
+    with subprocess.Popen([TOP / "bin" / ARCH / "plcTag", "-w", "0.1", f"127.0.0.1:{sim.etherip_port}", "watch", "T"],
+                          stdout=subprocess.PIPE, text=True) as watch:
+        assert watch.stdout.readline()
+        assert listeners(watch.pid) == []
+        watch.terminate()
+
+
 SERVERS = "in = 8\nout = 8\nbyteorder = little\nmodbus_port = 0\netherip_port = 0\ntag T INT\nmodbus holding 0 4 -> in.0\n"
 
 
-@pytest.mark.parametrize("words, where", [((), "127.0.0.1"), (("-a", "0.0.0.0"), "0.0.0.0")],
-                         ids=["by itself", "-a 0.0.0.0"])
-def test_plcsim_listens_on_loopback(new_sim, words, where):
+@pytest.mark.parametrize("line, words, where", [("", (), "127.0.0.1"), ("", ("-a", "0.0.0.0"), "0.0.0.0"),
+                                                ("address = 0.0.0.0\n", (), "0.0.0.0")],
+                         ids=["by itself", "-a 0.0.0.0", "address = 0.0.0.0"])
+def test_plcsim_listens_on_loopback(new_sim, line, words, where):
     """plcSim ({id}) listens with blocks, Modbus and EtherNet/IP there, and nowhere else"""
-    sim = new_sim(SERVERS, *words)
+    sim = new_sim(line + SERVERS, *words)
     found = listeners(sim.process.pid)
     assert [table for table, _ in found] == ["tcp"] * 3
     assert {address(text) for _, text in found} == {where}
@@ -152,6 +163,20 @@ def test_random_bytes(new_ioc, closing, wire):
     assert len(ioc.lines) - lines <= 2 * 8
 
 
+def test_no_privilege(new_ioc, new_peer):
+    """an IOC without any privilege reads and writes its PLC"""
+    peer = new_peer(2, 2)
+    drop = ("--bounding-set=-all", "--inh-caps=-all") if os.geteuid() == 0 else ()
+    ioc = new_ioc(peer.configure(), DB + 'record(longout, "$(P)o") { field(DTYP, "S7plc") field(OUT, "@PLC/0") }\n',
+                  wrapper=("setpriv", *drop))
+    assert re.search(r"^CapEff:\t0+$", open(f"/proc/{ioc.process.pid}/status").read(), re.M)
+    peer.wait_connected()
+    peer.send(b"\0\7")
+    ioc.wait_value("v", 7)
+    ioc.put("o", 8)
+    peer.wait_block(b"\0\x08")
+
+
 # --- How it is compiled -------------------------------------------------------------------------------
 @pytest.mark.parametrize("product", ["bin/*/s7plcIoc", "bin/*/plcSim", "lib/*/libs7plc.so", "lib/*/libether_ip.so"])
 def test_hardened(product):
@@ -172,13 +197,45 @@ def test_hardened(product):
     assert re.search(r"__\w+_chk@", symbols)
 
 
+@pytest.mark.parametrize("harden, cross, wanted", [("", "", True), ("NO", "", False), ("", "CROSS", False),
+                                                   ("YES", "CROSS", True)])
+def test_harden(tmp_path, harden, cross, wanted):
+    """HARDEN={harden}, for the host or another machine ({cross}): compiled with these flags: {wanted}"""
+    (tmp_path / "Makefile").write_text(
+        f"OS_CLASS = Linux\nBUILD_CLASS = {cross or 'HOST'}\n"
+        f"include {TOP}/configure/CONFIG_SITE\n" + f"HARDEN = {harden}\n" * bool(harden) +
+        "all:\n\t@echo $(USR_CPPFLAGS_Linux) $(USR_CFLAGS_Linux) $(USR_CXXFLAGS_Linux) $(USR_LDFLAGS_Linux)\n")
+    said = subprocess.run(["make", "-s", "-C", tmp_path], capture_output=True, text=True, check=True,
+                          env={"PATH": os.environ["PATH"]}).stdout
+    for flag in "-D_FORTIFY_SOURCE=2", "-fstack-protector", "-Wl,-z,relro", "-Wl,-z,now":
+        assert (flag in said.split()) is wanted, said
+
+
 # --- Limits -----------------------------------------------------------------------------------------
+def numbers_of(name, text):
+    """What the sources say of a name: the value of a constant, or all numbers in a function or struct."""
+    constant = re.search(rf"\b{name}\b(?: =)? (\(?[^;{{]*?)(?:,|/\*|$)", re.sub(r"(?m)^ \*.*$", "", text), re.M)
+    if constant and re.search(r"\d", constant[1]) and "\n" not in constant[1]:
+        known = re.sub(r"eipHeaderSize", lambda m: str(max(numbers_of(m[0], text))), constant[1])
+        return {eval(re.sub(r"\(size_t\)|(?<=\d)u", "", known))}
+    body = re.search(rf"^[^\n]*\b{name}\b[^;\n]*\n?{{.*?^}}", text, re.M | re.S)
+    return {int(n) for n in re.findall(r"\b\d+\b", body[0])}
+
+
+def numbers_in(cell):
+    """The numbers in a cell of the table, with KiB and MiB; a text of 4,095 characters has 4,096 bytes."""
+    units = {"KiB": 1 << 10, "MiB": 1 << 20}
+    found = {int(n.replace(",", "")) * units.get(unit, 1) for n, unit in re.findall(r"([\d,]*\d) ?(KiB|MiB|)", cell)}
+    return found | {4096} if 4095 in found else found
+
+
 def test_limits():
-    """each constant in the table of docs/security.md stands where the table says"""
+    """each constant in the table of docs/security.md stands where the table says, and has that value"""
     folders = [TOP / "s7plcApp/src", TOP / "s7plcApp", TOP / "plcSim", TOP]
-    rows = re.findall(r"^\|[^|]*\|[^|]*\| (`.*) \|$", (TOP / "docs/security.md").read_text(), re.M)
+    rows = re.findall(r"^\|[^|]*\|([^|]*)\| (`.*) \|$", (TOP / "docs/security.md").read_text(), re.M)
     checked = 0
-    for row in rows:
+    for cell, row in rows:
+        said, limits = set(), numbers_in(cell)
         names, last = [], None
         for word in re.findall(r"`([^`]+)`", row):
             if "." not in word:
@@ -187,7 +244,13 @@ def test_limits():
             file = next((f / word for f in folders if (f / word).exists()), last and last.parent / word)
             assert file and file.exists(), (row, word)
             assert all(name in file.read_text() for name in names), (row, word)
+            for name in names:
+                values = numbers_of(name, file.read_text())
+                assert values & limits, (row, name, values, limits)
+                said |= values
             checked += len(names)
             names, last = [], file
         assert not names, row
+        missing = limits - said - {2, 4095}  # "two blocks"
+        assert not missing, (row, missing)
     assert checked > 15

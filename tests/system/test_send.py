@@ -108,9 +108,9 @@ def test_interval(new_peer, new_ioc):
 
 
 def test_forced(new_peer, new_ioc):
-    """s7plcSend sends the block again, changed or not"""
+    """s7plcSend sends the block again, changed or not, however long the interval is"""
     peer = new_peer(0, 4)
-    ioc = new_ioc(peer.configure(), """
+    ioc = new_ioc(peer.configure(send_interval=3600000), """
         record(longout, "$(P)n") { field(DTYP, "S7plc") field(OUT, "@PLC/0 T=INT32") }
         """)
     peer.wait_connected()

@@ -67,6 +67,21 @@ def test_usage(text, new_ioc):
         assert [a.strip('" ') for a in rest.split(",")] == arguments, usage
 
 
+PROGRAMS = {"s7plcIoc": "s7plc|modbusplc|drvEtherIP|etherip", "phoenixIoc": "phoenixplc", "s7plcAsynIoc": "drvAsyn"}
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_help(program, new_ioc):
+    """iocsh.md: `help` shows each command of the page that {program} has"""
+    if not (TOP / "bin" / ARCH / program).exists():
+        pytest.skip("s7plcAsyn is not built: ASYN is not set in configure/RELEASE.local")
+    heads = " ".join(re.findall(r"^## (.*)", (TOP / "docs/iocsh.md").read_text(), re.MULTILINE))
+    names = [name for name in re.findall(r"\w+", heads) if re.match(PROGRAMS[program], name) and name != "s7plcDebug"]
+    ioc = new_ioc("", "", program=program)
+    assert names and not [name for name in names if f"{name}\x1b" not in ioc.command(f"help {name}")
+                          and not re.search(rf"^{name}( |$)", ioc.command(f"help {name}"), re.MULTILINE)]
+
+
 def test_log(new_peer, new_ioc):
     """options.md: what log=io shows of these blocks and puts"""
     peer = new_peer(8, 6)
