@@ -1,11 +1,12 @@
 """An application of a user, outside the tree: what its Makefile must say, and what it links."""
 import os
+import re
 import shutil
 import subprocess
 
 import pytest
 
-from client import BASE, TOP
+from client import ARCH, BASE, TOP
 
 pytestmark = pytest.mark.usefixtures("no_sanitizer")
 
@@ -72,6 +73,17 @@ def shell(directory, more=""):
 def needs(directory):
     return subprocess.run(["ldd", program(directory)], text=True, check=True,
                           stdout=subprocess.PIPE).stdout
+
+
+@pytest.mark.skipif(not list((TOP / "lib" / ARCH).glob("libs7plc.so")), reason="built without shared libraries")
+def test_needs():
+    """libs7plc.so needs libraries of Base and of the system's C, and no others"""
+    dynamic = subprocess.run(["readelf", "-d", TOP / "lib" / ARCH / "libs7plc.so"], capture_output=True, text=True,
+                             check=True).stdout
+    needed = re.findall(r"\(NEEDED\).*\[lib(\w+)\.so", dynamic)
+    assert {"Com", "dbCore"} <= set(needed)
+    assert not [name for name in needed if name not in ("c", "m", "pthread", "gcc_s", "rt")
+                and not (BASE / "lib" / ARCH / f"lib{name}.so").exists()], needed
 
 
 @pytest.mark.parametrize("static", [False, True], ids=["shared", "static"])

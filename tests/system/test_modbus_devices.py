@@ -484,7 +484,7 @@ def test_another_client(new_modbus, new_ioc):
     plc.mangle = hang_up
     ioc = new_ioc(plc.configure("holding 0 100 every 50", "holding 200 40"), DB)
     plc.wait_connected(6)
-    ioc.wait_log("another client takes this connection")
+    ioc.wait_log("the PLC hangs up before it answers, again and again: another client takes this connection")
     assert ioc.log_count("another client") == 1 and ioc.log_count("disconnected") == 1
     plc.mangle = None
     use(plc, ioc, 2)

@@ -130,6 +130,7 @@ def test_rejected_put(new_peer, new_ioc):
     peer.send(bytes(16) + HELD)
     assert_follows(ioc)
     ioc.put("long", 7)
+    until_equal(lambda: ioc.get("long"), 7)
     peer.every(0.05, bytes(16) + HELD)
     until_equal(lambda: ioc.get("long"), 1234)
 

@@ -38,7 +38,7 @@ def test_no_base(tmp_path):
     for targets in ([], ["all"], ["install"]):
         run = make(tree, *targets)
         assert run.returncode != 0
-        assert "RELEASE.local" in run.stderr and "make demo" in run.stderr, run.stderr
+        assert "No EPICS Base" in run.stderr and "RELEASE.local" in run.stderr and "make demo" in run.stderr, run.stderr
     assert not (tree / "configure/RELEASE.local").exists()
 
 
