@@ -111,6 +111,44 @@ def test_arguments_of_configure(new_ioc):
     assert not takes(PLCname="x" * 255)  # each once
 
 
+MODBUS = {  # command: its arguments, and what is right for those of the table
+    "s7plcModbusOutput": {"PLC": "{name}", "IPaddr": "127.0.0.1", "port": "1", "unit": "1", "startRegister": "0"},
+    "modbusplcConfigure": {"PLC": "{name}", "IPaddr": "127.0.0.1", "port": "1", "unit": "1", "inputs": '"holding 0 4"',
+                           "outputs": '""', "requestTimeout": "500"}}
+MODBUS_WORDS = {"PLC": (["y" * 255], ["x" * 256, '"a b"', "a/b"]), "IPaddr": (["localhost", '""'], ['"a b"', "1.2.3"])}
+
+
+@pytest.mark.parametrize("command", MODBUS)
+def test_arguments_of_modbus(new_ioc, command):
+    """modbus.md: {command} takes of each argument what the table says, and no more"""
+    good, rows = MODBUS[command], table("modbus.md", "argument", "allowed", "meaning")
+    rows = {row[0]: row[1] for row in (rows[5:] if "inputs" in good else rows[:5])}
+    assert list(rows) == list(good)
+    lines, wanted = [], {}
+    for argument, allowed in rows.items():
+        right, wrong = MODBUS_WORDS.get(argument, ((), ())) if "name of" not in allowed else ((), ["NOPLC"])
+        limits = re.match(r"(\d+) \.\.\. (\d+)(?! char)", allowed)
+        if limits and argument not in MODBUS_WORDS:
+            low, high = int(limits[1]), int(limits[2])
+            right, wrong = [low, high, *["0"] * (" 0 " in allowed)], [high + 1, -1] + [low - 1] * (low > 1)
+        for is_right, word in [(True, w) for w in right] + [(False, w) for w in wrong]:
+            name = f"{argument}{len(lines)}"
+            given = {**good, argument: str(word)}
+            lines.append(", ".join(given.values()).format(name=name))
+            wanted[str(word) if argument == "PLC" else name] = is_right
+            if "inputs" not in good:
+                lines[-1] = f"s7plcConfigure {name}, 127.0.0.1, 1, 8, 2\n{command} {lines[-1]}"
+            else:
+                lines[-1] = f"{command} {lines[-1]}"
+    ioc = new_ioc("\n".join(lines), "")
+    refused = {name: f"sevr=major {command} {name.strip(chr(34))[:60]}" in ioc.log for name in wanted}
+    assert len(wanted) > 10 and {name: not no for name, no in refused.items()} == wanted, ioc.log
+    short = new_ioc("s7plcConfigure P, 127.0.0.1, 1, 8, 8\ns7plcModbusOutput P, 127.0.0.2, 0, 1, 0" if "inputs" not in good else
+                    'modbusplcConfigure P, 127.0.0.2, 0, 1, "holding 0 4"', "")
+    assert "Modbus 127.0.0.2:502 unit 1:" in short.command("s7plcReport P")
+    assert re.search(r"^  requestTimeout +1000 ", short.command("s7plcSetOption P"), re.M)
+
+
 # --- Types and links ------------------------------------------------------------------------------
 
 def messages(ioc):

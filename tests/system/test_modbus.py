@@ -366,6 +366,7 @@ def test_limits_of_bits(new_modbus, new_ioc):
     keys = {r.key for r in peer.requests}
     assert len([k for k in keys if k[0] == 1]) == 3 and len([k for k in keys if k[0] == 4]) == 4
     assert sum(k[2] for k in keys if k[0] == 1) == 4500
+    assert max(k[2] for k in keys if k[0] == 1) == 2000 and max(k[2] for k in keys if k[0] == 4) == 125
 
 
 def test_values_stay_whole(new_modbus, new_ioc):
@@ -566,7 +567,7 @@ def test_refused_state_at_start(new_modbus, new_ioc):
 
 CODES = {1: "illegal function", 2: "illegal data address", 3: "illegal data value",
          4: "device failure", 5: "acknowledge", 6: "device busy", 8: "memory parity error",
-         10: "gateway path", 11: "gateway", 7: "", 9: "", 77: "", 255: ""}
+         10: "no gateway path", 11: "gateway: no answer", 7: "negative acknowledge", 9: "", 77: "", 255: ""}
 
 
 def test_exception_codes(new_modbus, new_ioc):

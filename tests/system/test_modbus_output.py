@@ -222,7 +222,7 @@ def test_long_array(new_station):
     s = new_station('record(aao, "$(P)a") { field(DTYP, "S7plc") field(OUT, "@PLC/10") field(FTVL, "SHORT") field(NELM, "350") }')
     s.ioc.put("a", list(range(1, 351)))
     until_equal(lambda: s.holding[105:455], list(range(1, 351)))
-    assert len(s.writes()) == 3 and s.written() == set(range(5, 355))
+    assert [r.count for r in s.writes()] == [123, 123, 104] and s.written() == set(range(5, 355))
 
 
 def test_bits(new_station):
@@ -378,8 +378,8 @@ def test_two_records_on_one_register(new_station):
 
 
 REFUSALS = {1: "FC16: set singleWrite", 2: "illegal data address", 3: "illegal data value",
-            4: "device failure", 5: "acknowledge", 6: "device busy", 8: "memory parity",
-            10: "gateway path", 11: "gateway", 77: ""}
+            4: "device failure", 5: "acknowledge", 6: "device busy", 7: "negative acknowledge", 8: "memory parity error",
+            10: "no gateway path", 11: "gateway: no answer", 77: ""}
 
 
 def test_codes(new_station):
@@ -1046,6 +1046,49 @@ def test_writes_all(new_station):
         ioc.put("o1", 100 + value)
     plc.answering.set()
     until_equal(lambda: in_order(s), [(1, 100 + value) for value in range(5)])
+
+
+def test_thousand_puts(new_station):
+    """1,000 puts wait in their order; of more, the newest of each place, which is said once and counted"""
+    s = new_station(words(4) + "".join(
+        f'record(longin, "$(P){name}") {{ field(DTYP, "S7plc stats") field(INP, "@PLC/{name}") }}'
+        for name in ("putsWaiting", "putsDropped")), "writes all", *OFTEN, "requestTimeout 60000")
+    plc, ioc = s.plc, s.ioc
+
+    def put(first, last):
+        ioc.command("\n".join(f"dbpf {ioc.P}o{i % 4} {i}" for i in range(first, last)))
+        for name in "putsWaiting", "putsDropped":
+            ioc.process_record(name)
+        return ioc.get("putsWaiting"), ioc.get("putsDropped")
+    plc.answering.clear()
+    until(lambda: plc.held, "a request on its way")
+    assert put(0, 1000) == (1000, 0)
+    waiting, dropped = put(1000, 1020)
+    assert waiting <= 1000 and waiting + dropped == 1020
+    assert ioc.log_count("puts come faster than the PLC takes them") == 1
+    plc.answering.set()
+    until_equal(lambda: [s.register(i) for i in range(4)], list(range(1016, 1020)))
+    kept = in_order(s)
+    assert len(kept) == waiting and [value for _, value in kept] == sorted(value for _, value in kept)
+
+
+def test_end_of_pulse(new_station):
+    """the HIGH of a bo ends after its pulse was acknowledged, however long that takes"""
+    s = new_station(bits(1, fields='field(HIGH, "0.05")') +
+                    'record(calc, "$(P)clock") { field(SCAN, ".1 second") field(CALC, "VAL+1") }', *OFTEN,
+                    complete="acknowledged")
+    plc, ioc = s.plc, s.ioc
+    ioc.connect(["b0", "clock"])
+    plc.answering.clear()
+    until(lambda: plc.held, "a request on its way")
+    ioc.put("b0", 1, wait=False)
+    until(lambda: ioc.get("b0") == 1, "the put")
+    later = ioc.get("clock") + 5
+    until(lambda: ioc.get("clock") > later, "much longer than HIGH")
+    assert ioc.get("b0") == 1
+    plc.answering.set()
+    until_equal(lambda: [r.values[1] & 1 for r in s.writes()], [1, 0])
+    ioc.wait_value("b0", 0)
 
 
 def test_completion(new_station):
