@@ -64,20 +64,22 @@ Silent,DB11.DBW10,INT,,,,,,,,,,,,,,,,,,,,,,,,
 
 def test_fields_of_types(tmp_path):
     """The columns of the sheet types: a blank type is that of the row above, suffix makes names, dir is the field's"""
-    files = made(tmp_path, HEAD + "D,DB11.DBB8,BOX,in,,,,D," + "," * 18 + "\n", types="""\
+    files = made(tmp_path, HEAD + "D,DB11.DBB8,BOX,in,,,,D,box" + "," * 18 + "\n", types="""\
 type,field,ftype,at,suffix,dir,desc,egu,high
 INNER,Deep,INT,,,,,,
 BOX,Plain,INT,,,,plain,m,5
 ,Named,INT,,:Other,,,,
 ,Hidden,INT,,-,,,,
+,Long,INT,,,,ddddddddddddddddddddddddddddddddddddddd,,
 ,Part,INNER,,,,,,
 ,Set,INT,,,out,,,
 """)
     db = files["m-BOX.template"]
     assert re.findall(r'^record\((\w+), "\$\(P\)(.*)"', db, re.M) == [
-        ("longin", "Plain"), ("longin", ":Other"), ("longin", "Part:Deep"), ("longout", "Set"), ("longin", "Set:RBV")]
-    assert {"EGU": "m", "HIGH": "5"}.items() <= fields(db, "$(P)Plain")[1].items()
-    assert '{ "TANK", "tank:D", ' in files["m.substitutions"]
+        ("longin", "Plain"), ("longin", ":Other"), ("longin", "Long"), ("longin", "Part:Deep"), ("longout", "Set"), ("longin", "Set:RBV")]
+    assert {"EGU": "m", "HIGH": "5", "DESC": "$(DESC) plain"}.items() <= fields(db, "$(P)Plain")[1].items()
+    assert fields(db, "$(P)Long")[1]["DESC"] == "d" * 39  # both do not fit
+    assert re.search(r'\{ "TANK", "tank:D", .*, "box" \}', files["m.substitutions"])
 
 
 # The type, and the records of an input and of a setpoint
@@ -135,10 +137,27 @@ def test_keys():
         documented.update(zip(names, values if len(names) > 1 and len(values) >= len(names) else [defaults] * len(names)))
     assert set(documented) == set(columns.PLC_KEYS)
     words = {"port": "2000; Modbus 502", "address": "2000; Modbus 502", "recvtimeout": "20", "sendinterval": "periods",
-             "watchdog": "2000"}  # told in words, which test_prove looks at
+             "watchdog": "2000"}  # told in words, which test_command looks at
     wrong = {key: (documented[key], default) for key, (default, _, _) in columns.PLC_KEYS.items()
              if key not in words and documented[key] != default}
     assert not wrong
+
+
+@pytest.mark.parametrize("keys, command", [
+    ("", 's7plcConfigure("TANK", "$(TANK_ADDRESS=127.0.0.1)", $(TANK_PORT=2000), 2, 2, 1, 2000, 100)'),
+    ("period,200\nmin_in,50\nmin_out,20\n",
+     's7plcConfigure("TANK", "$(TANK_ADDRESS=127.0.0.1)", $(TANK_PORT=2000), 50, 20, 1, 4000, 200)'),
+    ("byteorder,little\nport,2001\naddress,10.0.0.1\nrecvtimeout,700\nsendinterval,30\n",
+     's7plcConfigure("TANK", "$(TANK_ADDRESS=10.0.0.1)", $(TANK_PORT=2001), 2, 2, 0, 700, 30)'),
+    ("wire,modbus\n", 'modbusplcConfigure("TANK", "$(TANK_ADDRESS=127.0.0.1)", $(TANK_PORT=502), 1, '
+                      '"holding 0 1 every 100", "holding 1000 1")'),
+    ("wire,modbus\nunit,3\nin_register,7\nout_register,9\n",
+     'modbusplcConfigure("TANK", "$(TANK_ADDRESS=127.0.0.1)", $(TANK_PORT=502), 3, "holding 7 1 every 100", "holding 9 1")'),
+], ids=["defaults", "sizes and period", "times", "Modbus", "Modbus with registers"])
+def test_command(tmp_path, keys, command):
+    """{id}: the command in x.cmd is as the keys say"""
+    files = made(tmp_path, "symbol,plc,type,dir,pv\nI,I,INT,in,I\nO,O,INT,out,O\n", "family,none\n" + keys)
+    assert command in files["m.cmd"].splitlines()
 
 
 def test_heads(tmp_path):

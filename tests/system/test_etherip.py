@@ -346,6 +346,19 @@ def test_nobody_is_hurt(plant):
     assert plant.ioc.command("drvEtherIP_report 1").count("1 made, 0 lost")
 
 
+def test_silent(plant):
+    """A controller that answers nothing for requestTimeout: COMM with the time, and values are back with it"""
+    plant.tags("tag A DINT = 1")
+    plant.records(rec("longin", "a", "A S 0.05"), before="EIP_timeout(500)")
+    plant.ioc.wait_value("a", 1)
+    plant.sim.command("etherip silent")
+    plant.ioc.wait_alarm("a", "INVALID", "COMM", "no answer for 0.5 s")
+    plant.set("A", 2)
+    plant.sim.command("etherip normal")
+    plant.ioc.wait_value("a", 2)
+    plant.ioc.wait_alarm("a", "NO_ALARM")
+
+
 def test_retry(plant):
     """A tag that comes into being is found, by a new program at once"""
     plant.tags("tag A DINT = 1")

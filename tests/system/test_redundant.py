@@ -3,9 +3,11 @@ import datetime
 import os
 import random
 import re
+import signal
 import subprocess
 import threading
 import time
+from pathlib import Path
 
 import epics
 import pytest
@@ -244,6 +246,8 @@ def test_restart(new_pair, record):
     until_equal(lambda: ioc.text("A:BACKUP"), "plc-1st linked")
     assert ioc.text("A:PRIMARY") == "SECOND" and ioc.get("A:SWITCHOVERS") == 1
     assert "FIRST disconnected" in ioc.text("A:SWITCH_REASON")
+    for command in ("dbior phoenixplc 1", "s7plcReport A 1"):
+        assert re.search(r"PRIMARY:? SECOND", ioc.command(command)), ioc.command(command)
     ioc.wait_value("A:rb3", 33)
     assert not seen.invalid()
 
@@ -278,6 +282,19 @@ def test_nobody(new_pair):
     sim.command("first silence off")
     ioc.wait_alarm("A:cnt", "NO_ALARM")
     assert ioc.text("A:PRIMARY") == "FIRST" and ioc.get("A:SWITCHOVERS") == 0
+
+
+def test_stopped(new_pair, record):
+    """An IOC that stood still for longer than recvTimeout: blocks that it has not read yet are no silence."""
+    ioc, _ = new_pair(recv_timeout=700)
+    seen = record(ioc, *ALL)
+    for _ in range(3):
+        ioc.process.send_signal(signal.SIGSTOP)
+        time.sleep(1.5)  # so long it stands still
+        ioc.process.send_signal(signal.SIGCONT)
+        last = len(seen.events["A:cnt"])
+        until(lambda: len(seen.events["A:cnt"]) > last + 10, "values")
+    assert ioc.get("A:SWITCHOVERS") == 0 and not seen.invalid()
 
 
 def test_delayed(tmp_path, closing, record):
@@ -332,6 +349,24 @@ def test_no_cross_talk(tmp_path, closing, record):
         if name != "A":
             assert ioc.get(f"{name}:rb0") == 10 + n
     assert {name for name, _ in seen.invalid()} <= {"C:who", "C:cnt", "C:rb0"}
+
+
+def test_record_types(tmp_path, closing):
+    """Each record type that the page names shows a key; the template has each key of the page."""
+    ioc = PhoenixIoc(tmp_path, configure("A", "127.0.0.2", 1), ["A"])
+    closing(ioc)
+    kinds = ("ai", "longin", "int64in", "bi", "mbbi", "stringin", "lsi")
+    db = tmp_path / "kinds.db"
+    db.write_text("".join(f'record({kind},"{ioc.P}{kind}"){{field(DTYP,"phoenixplc")field(INP,"@A/connected1")}}\n'
+                          for kind in kinds))
+    ioc.script.write_text(ioc.script.read_text().replace("iocInit", f'dbLoadRecords("{db}")\niocInit'))
+    ioc.start()
+    for kind in kinds:
+        ioc.process_record(kind)
+        assert ioc.severity(kind) == "NO_ALARM" and ioc.get(kind) in (0, "0", "not connected"), (kind, ioc.get(kind))
+    keys = set(re.findall(r"^\| `(\w+)`(?:, `(\w+)`)? \| `[A-Z_0-9]+`", (TOP / "docs/redundancy.md").read_text(), re.M))
+    shown = set(re.findall(r'"@\$\(PLC\)/(\w+)"', Path(STATUS).read_text()))
+    assert {key for pair in keys for key in pair if key} - {"backup"} == shown  # that one is the mbbi without a key
 
 
 def test_refused_links(tmp_path, closing):

@@ -50,6 +50,8 @@ def test_stalled_reader(new_peer, new_ioc):
     for number in range(1, 400):
         put(ioc, number)  # more than any socket buffer holds
     assert ioc.get("a")[0] == 399
+    ioc.wait_log("PLC takes blocks slowly: what is put waits for it")
+    assert ioc.severity("a") == "NO_ALARM"
     peer.reading.set()
     peer.wait_block(lambda block: number_of(block) == 399)
     for block in peer.blocks():

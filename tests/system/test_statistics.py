@@ -108,6 +108,11 @@ def test_sent(plc):
     peer.wait_block(lambda block: block[8:] == struct.pack(">h", 7))
     now.are(blocksOut=1, bytesOut=10, setpoints=1, heartbeats=0)
     assert 0 < now["sendLatency"] <= now["sendLatencyMax"]
+    now.ioc.command("s7plcSetOption PLC holdoff 300")
+    now.ioc.put("out", 8)
+    peer.wait_block(lambda block: block[8:] == struct.pack(">h", 8))
+    until(lambda: now["blocksOut"] == 2)
+    assert now["sendLatency"] >= 300  # from the put on
     until(lambda: now["heartbeatAge"] > 0)
     now.ioc.command("s7plcSetOption PLC heartbeat 20")
     until(lambda: now["heartbeats"] >= 3)

@@ -167,6 +167,9 @@ def test_put(pair_of):
     until_equal(lambda: memory(sim), struct.pack(">fhBx8sh2x", 21.5, 123, 0, b"rolls", 7))
     assert state(ioc) == "synced" and ioc.get("Sync:Count") == 1
     assert "sync: synced for" in ioc.command("s7plcReport PLC 1")
+    for name in ("Remote", "Time", "Refused", "Count", "Lost", "Readbacks"):
+        assert ioc.text(f"Sync{name}.NAME") == ioc.text(f"Sync:{name}.NAME"), name
+    assert ioc.text("Sync:Remote") == "REMOTE" and ioc.get("Sync:Readbacks") > 0
 
 
 def test_put_while_checking(pair_of):
@@ -380,10 +383,12 @@ def test_layout_unchecked(new_plc, new_ioc):
 def test_no_readback(new_plc, new_ioc):
     """sync=on without a read-back: a warning per output, and why the PLC does not agree"""
     sim = new_plc(PLC)
+    begin = time.monotonic()
     ioc = new_ioc(configure(sim.port, readback=False), database())
     assert ioc.log_count("with sync=on the PLC must show this output, unless it is a command that "
                          "the PLC does not compare") == 5
     ioc.wait_log("sync: the PLC does not agree")
+    assert time.monotonic() - begin >= 5
     assert memory(sim) == BYTES
 
 
