@@ -17,6 +17,15 @@ static void inside(const void *at, size_t n, const epicsUInt8 *frame, size_t len
     fuzzCheck(n == 0 || (from >= frame && from + n <= frame + length));
 }
 
+/* The numbers of the connection that is asked for, as a PLC that opens it repeats them. */
+static void open(const eipOpening *o, epicsUInt8 *data)
+{
+    eipSetUnsigned(data + 4, 4, o->id);
+    eipSetUnsigned(data + 8, 2, o->serial);
+    eipSetUnsigned(data + 10, 2, o->vendor);
+    eipSetUnsigned(data + 12, 4, o->originator);
+}
+
 /* What is the same in an answer as in its request is put there in three of four cases: else
  * no frame would come far. */
 static void makeFit(const eipSession *s, epicsUInt8 *frame, size_t length, unsigned how)
@@ -49,6 +58,10 @@ static void makeFit(const eipSession *s, epicsUInt8 *frame, size_t length, unsig
         eipSetUnsigned(frame + 38, 2, length - 40);
         frame[40] = (epicsUInt8)(s->service | 0x80);
         frame[41] = 0;
+        if (how & 8 && length >= 60 && (s->service == eipForwardOpen || s->service == eipLargeForwardOpen)) {
+            frame[42] = frame[43] = 0;
+            open(&s->opening, frame + 44);
+        }
     }
 }
 

@@ -4,6 +4,9 @@
 #include <string.h>
 
 #include "fuzz.h"
+#ifdef FUZZ_MODBUS
+#include "plcModbusOptions.h"
+#endif
 #include "plcOptions.h"
 
 fuzzTarget fuzzOptions;
@@ -48,6 +51,17 @@ static void setSummary(plcOptions *options, char *summary)
     }
 }
 
+/* Those of a transport too, once. */
+static void addTables(void)
+{
+#ifdef FUZZ_MODBUS
+    static int added;
+
+    if (!added++)
+        plcOptionsAdd(&plcModbusOptionTable);
+#endif
+}
+
 int fuzzOptions(const epicsUInt8 *data, size_t size)
 {
     int running = size && data[0] == '!';
@@ -55,6 +69,7 @@ int fuzzOptions(const epicsUInt8 *data, size_t size)
     char summary[4000], again[4000];
     plcOptions options, back;
 
+    addTables();
     plcOptionsDefault(&options);
     plcOptionsDefault(&back);
     while ((line = fuzzLine(&rest)))

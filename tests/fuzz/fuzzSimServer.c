@@ -38,21 +38,23 @@ static const char serversFile[] =
     "udt Axis Pos:REAL On:BOOL Ready:BOOL Text:STRING Sub:INT[4]\n"
     "udt Two A:Axis B:Axis[3]\n"
     "tag REALs REAL[40] = 1.5\ntag A Axis\ntag T Two[2]\ntag S STRING = bread\n"
-    "tag B BOOL[32]\ntag Grid DINT[2,3,4]\ntag Program:Main.v LINT\ntag R INT readonly\n";
+    "tag B BOOL[32]\ntag One BOOL\ntag Grid DINT[2,3,4]\ntag Program:Main.v LINT\ntag R INT readonly\n";
 
-/* The same simulator for all calls: what they leave behind is cleared. */
-static simulator *servers(void)
+/* The same simulator for all calls, or one as Omron's: what they leave behind is cleared. */
+static simulator *servers(int omron)
 {
-    static simulator sim;
-    static simText out;
-    static int made;
+    static simulator sims[2];
+    static simText out[2];
+    static int made[2];
+    char file[2000];
 
-    if (!made) {
-        fuzzCheck(fuzzSimBuild(&sim, serversFile, &out) == 0);
-        fuzzCheck(simPlcStart(&sim.plc[0], "127.0.0.1", NULL) == 0);
-        made = 1;
+    if (!made[omron]) {
+        snprintf(file, sizeof(file), "%s%s", serversFile, omron ? "etherip_profile = omron\n" : "");
+        fuzzCheck(fuzzSimBuild(&sims[omron], file, &out[omron]) == 0);
+        fuzzCheck(simPlcStart(&sims[omron].plc[0], "127.0.0.1", NULL) == 0);
+        made[omron] = 1;
     }
-    return &sim;
+    return &sims[omron];
 }
 
 static void clearMemory(const simMemory *memory)
@@ -129,7 +131,7 @@ static void leave(simClients *all)
 #ifdef FUZZ_MODBUS
 int fuzzSimModbus(const epicsUInt8 *data, size_t size)
 {
-    simulator *sim = servers();
+    simulator *sim = servers(0);
     simModbus *modbus = &((simModbusServer *)simPlcServerOf(&sim->plc[0],
                                                             &simModbusServerType))->modbus;
     simClient *client = connectTo(&modbus->clients);
@@ -180,10 +182,12 @@ static void makeFit(const simEip *eip, const simEipClient *own, epicsUInt8 *f, s
     }
 }
 
+/* The first byte says of which make it is. */
 int fuzzSimEip(const epicsUInt8 *data, size_t size)
 {
     static const epicsUInt8 registers[28] = {0x65, 0, 4, [24] = 1};
-    simulator *sim = servers();
+    simulator *const makes[] = {servers(0), servers(1)}; /* both at the first call: it is not measured */
+    simulator *sim = makes[size && data[0] & 8];
     simEip *eip = &((simEipServer *)simPlcServerOf(&sim->plc[0], &simEipServerType))->eip;
     simClient *client = connectTo(&eip->clients);
     fuzzBytes b = {data, size};
@@ -207,15 +211,21 @@ int fuzzSimEip(const epicsUInt8 *data, size_t size)
 
 /* --- Blocks, with tables ---------------------------------------------------------------------- */
 
-static const char tablesFile[] =
-    "in = 64\nout = 48\nport = off\nperiod = 1 h\nsync = on\nmap = on\nmap_rows = 16\n"
-    "db 10 32 Setpoints\ndb 11 64 Measured\ndb 12 16 Safety\n"
-    "allow write DB10 0 16\nallow read DB11\n"
-    "init DB12.0 INT16 4711\ninit DB11.4 INT16 5\ninit DB10.16 INT16 99\n";
+#define BLOCKS_FILE \
+    "in = 64\nout = 48\nport = off\nperiod = 1 h\nsync = on\n" \
+    "db 10 32 Setpoints\ndb 11 64 Measured\ndb 12 16 Safety\n" \
+    "init DB12.0 INT16 4711\ninit DB11.4 INT16 5\ninit DB10.16 INT16 99\n"
+
+/* The IOC brings the tables, or they stand in the PLC: what is checked may be moved only so far. */
+static const char *const blocksFiles[] = {
+    BLOCKS_FILE "map = on\nmap_rows = 16\nallow write DB10 0 16\nallow read DB11\n",
+    BLOCKS_FILE "rx 4 -> P#DB10.DBX0.0 BYTE 12\nrx IE_RX.DBW16 -> DB10.DBW12\n"
+                "rx IE_RX.DBX18.3 -> DB10.DBX14.0\ntx DB11.DBD0 -> IE_TX.DBD8\n"};
 
 enum { outSize = 48 };
 
-/* 48 bytes for each block; the counter says how often it is given in a row. */
+/* 48 bytes for each block, behind one that says what is done with it; that of the first one also
+ * which PLC it is. */
 int fuzzSimBlocks(const epicsUInt8 *data, size_t size)
 {
     fuzzBytes b = {data, size};
@@ -226,7 +236,7 @@ int fuzzSimBlocks(const epicsUInt8 *data, size_t size)
     epicsUInt8 was[3][64];
     unsigned turns, i;
 
-    fuzzCheck(fuzzSimBuild(&sim, tablesFile, &out) == 0);
+    fuzzCheck(fuzzSimBuild(&sim, blocksFiles[size && data[0] & 0x80], &out) == 0);
     safety = simMemoryFind(&plc->memory, SIM_AREA_DB, 12);
     measured = simMemoryFind(&plc->memory, SIM_AREA_DB, 11);
     setpoints = simMemoryFind(&plc->memory, SIM_AREA_DB, 10);
