@@ -76,7 +76,8 @@ def test_application(tmp_path, static):
     assert "in:  holding 0 to 3" in out and "ERROR" not in out, out
     assert "PUMP:Level" in out and "PUMP:PLC:State" in out, out
     program = run(tmp_path, "ldd", f"bin/{ARCH}/pump")
-    assert ("libs7plc.so" in program) is not static
+    assert ("libs7plc.so" in program) is ("libCom.so" in program) is not static
+    assert "libmodbus.so" in program and "libc.so" in program
 
 
 def test_many(tmp_path, closing):
@@ -163,7 +164,8 @@ def test_procserv(tmp_path, new_peer):
         serv.terminate()
         serv.wait(LIMIT)
     until(lambda: peer.connection.ended, "the end of the connection")
-    assert "connected to 127.0.0.1" in (tmp_path / "log").read_text()
+    log = (tmp_path / "log").read_text()
+    assert re.search(r"^sevr=\w+ s7plc PUMP: connected to 127.0.0.1", log, re.M), log
 
 
 def test_alarm_tree():

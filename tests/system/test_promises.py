@@ -74,6 +74,8 @@ def unit_programs():
 def test_tests():
     """each test that is named is there and run, each row of a unit test too"""
     pytests, units, wrong = collected(), unit_programs(), []
+    cases = subprocess.run([TOP / "tests/bench/run", "--list"], capture_output=True, text=True, check=True).stdout
+    cases = [line.split()[0] for line in cases.splitlines()]
     steps = re.search(r'^steps="(.+)"$', (TOP / "tests/check/run").read_text(), re.M)[1].split()
     assert len(pytests) > 500
     for page, rows in promises().items():
@@ -83,6 +85,8 @@ def test_tests():
                 name, row = re.fullmatch(r"`([\w.:]+)`(?:: (.+))?", test).groups()
                 if name == "check":
                     good = row in steps
+                elif name == "bench":
+                    good = row in cases
                 elif "::" in name:
                     good = name in pytests and not row
                 else:

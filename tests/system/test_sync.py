@@ -225,6 +225,17 @@ def test_local(pair_of):
     until_equal(lambda: speed(sim), 8)
 
 
+def test_local_is_an_alarm(new_sim, new_ioc):
+    """LOCAL is no alarm, unless the macro LSV of s7plcSync.db says so"""
+    sim = new_sim(PLC)
+    sim.command("local")
+    ioc = new_ioc(configure(sim.port), "",
+                  templates=[("s7plcSync.db", "P=$(P)A:,PLC=PLC"), ("s7plcSync.db", "P=$(P)B:,PLC=PLC,LSV=MINOR")])
+    for name in "A:Sync", "B:Sync":
+        until_equal(lambda: ioc.text(name), "LOCAL")  # noqa: B023
+    assert [ioc.severity(name) for name in ("A:Sync", "B:Sync")] == ["NO_ALARM", "MINOR"]
+
+
 def test_hmi(pair_of):
     """a setpoint changed at the HMI in REMOTE is the record's value, and is not undone"""
     sim, ioc = pair_of()
