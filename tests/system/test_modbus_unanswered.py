@@ -330,6 +330,23 @@ def test_link_changes_while_away(new_modbus, new_ioc, complete):
     d.good("o1", 9, 10)
 
 
+def test_link_changes_where_it_follows(new_modbus, new_ioc):
+    """track=on: the alarm of a put whose link has changed ends when the value of the new place is shown"""
+    d = Device(new_modbus, new_ioc, "track on", "readPeriod 50")
+    plc, ioc = d.plc, d.ioc
+    plc.holding[BASE + 10] = 33
+    plc.power_off()
+    ioc.wait_log("disconnected")
+    ioc.put("o1", 7)
+    ioc.wait_alarm("o1", "INVALID", "COMM")
+    ioc.put("o1.OUT", "@PLC/20 T=UINT16")
+    ioc.wait_alarm("o1", "INVALID", "WRITE", "link changed: value not written")
+    plc.power_on()
+    ioc.wait_value("o1", 33)
+    ioc.wait_alarm("o1", "NO_ALARM")
+    assert plc.holding[BASE + 1] == 0 and plc.holding[BASE + 10] == 33
+
+
 def test_link_ends_refusal(new_modbus, new_ioc):
     """the alarm of a refused put ends when the link changes"""
     d = Device(new_modbus, new_ioc, "readPeriod 0")
