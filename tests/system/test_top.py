@@ -74,6 +74,11 @@ def test_named(tmp_path, place):
     assert (tree / f"configure/O.{ARCH}/MODBUS").exists()
     if place == "environment":
         assert f"EPICS_BASE = {BASE}" in (tree / "configure/RELEASE.local").read_text()
+    made = tree / f"configure/O.{ARCH}"
+    (made / "old.d").touch()
+    run = make(tree, "-s", "rebuild", **env)  # what was built before goes first
+    assert run.returncode == 0, run.stderr
+    assert not (made / "old.d").exists() and (made / "MODBUS").exists()
 
 
 def traps(folder, **scripts):
