@@ -76,6 +76,9 @@ void eipValueFirst(const eipClient *c, eipValue *value, unsigned count);
 /* Reads `count` elements, in as many parts as it takes. */
 int eipClientRead(eipClient *c, eipValue *value, unsigned count);
 
+/* One element was read, by a name without an index: does the PLC have more? */
+int eipClientHasMore(eipClient *c, const eipValue *value);
+
 /* "1 2 3", "\"text\"" or "{Speed=1 Name="M"}", without a line end. */
 void eipValuePrint(eipClient *c, const eipValue *value, FILE *file);
 

@@ -165,6 +165,19 @@ static int readFragments(eipClient *c, eipValue *v, unsigned count)
     return 0;
 }
 
+/* A second one is asked for, which costs less than the list. Omron has shown the whole. */
+int eipClientHasMore(eipClient *c, const eipValue *v)
+{
+    eipWriter w = eipClientWriter(c);
+    eipAnswer answer;
+
+    if (v->name.dimensions || v->name.bit >= 0 || isOmron(c))
+        return 0;
+    eipValuePath(&w, &v->name, eipReadTag);
+    eipPut16(&w, 2);
+    return !eipClientAsk(c, &w, &answer) && (!answer.status || answer.status == eipPartial);
+}
+
 int eipClientRead(eipClient *c, eipValue *v, unsigned count)
 {
     eipValueFirst(c, v, count);

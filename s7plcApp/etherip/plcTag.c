@@ -42,7 +42,13 @@ static struct {
     unsigned count, reads;
     int timeout, unconnected, verbose;
     double period;
-} option = {NULL, NULL, 1, 0, 5000, 0, 0, 1.0};
+} option = {NULL, NULL, 0, 0, 5000, 0, 0, 1.0};
+
+/* Elements to be read; without -n one. */
+static unsigned elements(void)
+{
+    return option.count ? option.count : 1;
+}
 
 __attribute__((noreturn)) static void stop(const char *format, ...) EPICS_PRINTF_STYLE(1, 2);
 __attribute__((noreturn)) static void wrong(const char *format, ...) EPICS_PRINTF_STYLE(1, 2);
@@ -61,6 +67,17 @@ static void stop(const char *format, ...)
 
     va_start(args, format);
     end(1, format, args, "\n");
+    va_end(args);
+}
+
+/* A word of the command line is not allowed: the line has said what is. */
+__attribute__((noreturn)) static void refuse(const char *format, ...) EPICS_PRINTF_STYLE(1, 2);
+static void refuse(const char *format, ...)
+{
+    va_list args;
+
+    va_start(args, format);
+    end(2, format, args, "\n");
     va_end(args);
 }
 
@@ -90,13 +107,18 @@ static int readOne(eipClient *c, const char *tag)
 
     if (eipValueInit(c, &v, tag))
         return complain(tag, c);
-    if (eipClientRead(c, &v, option.count)) {
+    if (eipClientRead(c, &v, elements())) {
         eipValueFree(&v);
         return complain(tag, c);
     }
     printf("%s=", tag);
     eipValuePrint(c, &v, stdout);
     putchar('\n');
+    if (!option.count && eipClientHasMore(c, &v)) {
+        fflush(stdout);
+        fprintf(stderr, "plcTag: %s is an array, this is its first element; more: -n count before the host\n",
+                tag);
+    }
     eipValueFree(&v);
     return 0;
 }
@@ -159,7 +181,7 @@ static int watchOne(eipClient *c, const char *tag, watched *last)
 
     if (eipValueInit(c, &v, tag))
         return -1;
-    if (eipClientRead(c, &v, option.count)) {
+    if (eipClientRead(c, &v, elements())) {
         eipValueFree(&v);
         return -1;
     }
@@ -267,7 +289,8 @@ static double numberArg(char letter, const char *text, double low, double high)
 
     if (epicsParseDouble(text, &number, NULL) || !(number >= low && number <= high) ||
         (isWhole && number != (epicsInt64)number))
-        stop("-%c %s; allowed: %.10g to %.10g", letter, text, low, high);
+        refuse("-%c %.40s; allowed: %.10g to %.10g%s", letter, text, low, high,
+               isWhole && text[strspn(text, "-+0123456789")] ? ", a whole number" : "");
     return number;
 }
 
@@ -382,7 +405,7 @@ int main(int argc, char **argv)
     epicsSnprintf(route, sizeof(route), strcmp(option.slot, "-1") ? "1,%s" : "%s", option.slot);
     if (eipRouteParse(option.route ? option.route : route, &connect.route, error,
                       sizeof(error)))
-        stop("%s", error);
+        refuse("%s", error);
     connect.connected = !option.unconnected;
     connect.timeout = (unsigned)option.timeout;
     osiSockAttach();

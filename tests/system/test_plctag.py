@@ -64,15 +64,30 @@ OPTIONS = [("-c", "0", "1 to 4000000000"), ("-c", "1.5", "1 to 4000000000"), ("-
 
 
 def test_refusals(plant):
-    """What plcTag refuses is one line that says what is allowed, and the status is 1"""
+    """What plcTag refuses is one line that says what is allowed, and the status is 1; of an option, 2"""
     plant.tags("tag Speed REAL", "tag S SINT = -1", "tag D DINT", "tag B BOOL", "tag U ULINT", "tag Text STRING")
     here = f"127.0.0.1:{plant.port}"
     for command, words in REFUSED:
         status, out, error = run(here, *command.split())
         assert (status, out) == (1, "") and words in error and error.count("\n") == 1, (command, error)
     for letter, value, words in OPTIONS:
-        assert run(letter, value, here, "read", "D") == (1, "", f"plcTag: {letter} {value}; allowed: {words}\n")
+        whole = ", a whole number" if value in ("1.5", "x") else ""
+        assert run(letter, value, here, "read", "D") == (2, "", f"plcTag: {letter} {value}; allowed: {words}{whole}\n")
+    assert run("-s", "1.5", here, "read", "D")[::2] == (2, "plcTag: -s 1.5; allowed: -1 to 255, a whole number\n")
+    assert run("-r", "1,", here, "read", "D")[0] == 2
     assert run(here, "read", "S.7", "D.31") == (0, "S.7=1\nD.31=0\n", "")
+
+
+def test_one_of_an_array(plant):
+    """read of an array without -n says that there are more than the element it shows"""
+    plant.tags("tag I INT[10] = 5", "tag D DINT = 3", "tag Text STRING = abc")
+    here = f"127.0.0.1:{plant.port}"
+    assert run(here, "read", "I", "D", "Text") == (
+        0, 'I=5\nD=3\nText="abc"\n',
+        "plcTag: I is an array, this is its first element; more: -n count before the host\n")
+    assert run(here, "read", "I[0]", "I[9]") == (0, "I[0]=5\nI[9]=5\n", "")
+    assert run("-n", 1, here, "read", "I") == (0, "I=5\n", "")
+    assert run("-n", 3, here, "read", "I") == (0, "I=5 5 5\n", "")
 
 
 def test_misfits(plant):
