@@ -61,22 +61,35 @@ static double scanSeconds(int scan)
     return epicsStrnCaseCmp(unit, "H", 1) == 0 ? 1 / number : number;
 }
 
-/* S wins, then a periodic SCAN, then the default. */
-static unsigned periodOf(dbCommon *prec, const eipLink *link)
+/* S wins, then a periodic SCAN, then the default; 0: none. */
+static double secondsOf(const dbCommon *prec, const eipLink *link)
 {
     double seconds = link->period;
 
     if (!(seconds > 0))
         seconds = scanSeconds(prec->scan);
+    return seconds > 0 ? seconds : drvEtherIP_default_rate;
+}
+
+static unsigned periodOf(const dbCommon *prec, const eipLink *link)
+{
+    double seconds = secondsOf(prec, link);
+
     if (!(seconds > 0))
-        seconds = drvEtherIP_default_rate;
-    if (!(seconds > 0)) {
-        if (!link->statistic)
-            devWarn(prec, "no period: S seconds in the link, SCAN or drvEtherIP_default_rate "
-                    "would say one; 1 s is taken");
         return defaultPeriod;
-    }
     return seconds < 0.001 ? 1 : seconds > 4e6 ? 4000000000u : (unsigned)(seconds * 1000 + 0.5);
+}
+
+/* What is odd in a link that is taken; one that is refused has its line already. */
+static void tellDoubts(dbCommon *prec, const eipLink *link)
+{
+    const struct link *text = dbGetDevLink(prec);
+
+    if (link->doubt[0])
+        devWarn(prec, "%s: @%.80s", link->doubt, text->value.instio.string);
+    if (!link->statistic && !(secondsOf(prec, link) > 0))
+        devWarn(prec, "no period: S seconds in the link, SCAN or drvEtherIP_default_rate "
+                "would say one; 1 s is taken");
 }
 
 /* The PLC refuses to show the tag of an output, or the second of two. */
@@ -122,7 +135,7 @@ static int begin(dbCommon *prec, devRecord *dev, const char *text, eipLink *link
     if (!eipPlcFind(link->plc))
         return plcLinkFail(error, 0,
                            "%.40s is no PLC with tags; drvEtherIP_define_PLC or etheripConfigure "
-                           "makes one", link->plc);
+                           "makes one. Here DTYP \"S7plc\" is needed, as in @%.40s/0", link->plc, link->plc);
     if (link->statistic && strcmp(supportOf(prec)->shape.recordType, "ai"))
         return plcLinkFail(error, 0, "%s is for ai only; allowed here: E, S seconds, B bit, FORCE",
                            eipStatisticWord(link->statistic));
@@ -130,8 +143,6 @@ static int begin(dbCommon *prec, devRecord *dev, const char *text, eipLink *link
         epicsSnprintf(link->doubt, sizeof(link->doubt), "FORCE means nothing to an input");
         link->force = 0;
     }
-    if (link->doubt[0])
-        devWarn(prec, "%s: @%.80s", link->doubt, text);
     own = callocMustSucceed(1, sizeof(*own), "EtherIP");
     own->plc = eipPlcFind(link->plc);
     own->period = periodOf(prec, link);
@@ -169,6 +180,7 @@ static int take(dbCommon *prec, devRecord *dev, const eipLink *link, const eipWa
     if (wish->kind != eipCell)
         dev->buffer = callocMustSucceed(1, own->room, "EtherIP");
     eipPlcWantsChanged(own->plc);
+    tellDoubts(prec, link);
     return 0;
 }
 
@@ -241,6 +253,7 @@ int devEipNumber(dbCommon *prec, devRecord *dev, const char *text, plcLinkError 
         return -1;
     if (link.statistic) {
         dev->image = plcStationInput(dev->station);
+        tellDoubts(prec, &link);
         return 0;
     }
     eipOf(dev)->holds = numberOf(supportOf(prec)->shape.recordType);

@@ -109,14 +109,14 @@ static void takeAsk(eipWorker *w, unsigned i, const eipAnswer *answer, void *arg
         eipTagLearn(&w->tags, tag, answer);
         epicsMutexUnlock(w->tagsLock);
         if (tag->state == eipTagBad && strcmp(reason, tag->reason))
-            eipWorkerNote(w, "tag %.80s: %s", nameOf(w, tag, name, sizeof(name)), tag->reason);
+            eipWorkerNoteOf(w, &w->tags.wants[tag->from], "tag %.80s: %s", nameOf(w, tag, name, sizeof(name)), tag->reason);
     }
     if (tag->state == eipTagBad) {
         tag->retry = epicsMonotonicGet() + eipRetryMs * EIP_NS_PER_MS;
         eipWorkerTagBad(w, tag, tag->reason);
     } else if (tag->state == eipTagKnown) {
         if (before == eipTagBad)
-            eipWorkerNote(w, "tag %.80s: good again", nameOf(w, tag, name, sizeof(name)));
+            eipWorkerNoteOf(w, &w->tags.wants[tag->from], "tag %.80s: good again", nameOf(w, tag, name, sizeof(name)));
         w->replan = 1;
     }
 }

@@ -223,6 +223,7 @@ static void report(void *pvt, const char *where, const char *state, const plcSta
 
 const plcTransport eipTransport = {
     .name = "EtherNet/IP",
+    .form = "DTYP \"EtherIP\", as in @PLC Tank.Level",
     .prefix = "EtherNet/IP ",
     .shows = 1,
     .opens = 1,

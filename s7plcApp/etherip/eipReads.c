@@ -308,7 +308,7 @@ static void badUnit(eipWorker *w, eipUnit *u, const char *reason)
     }
     if (!u->refused) {
         eipElementText(tag->base, tag->indexed, u->first, name, sizeof(name));
-        eipWorkerNote(w, "tag %.80s: %s", name, reason);
+        eipWorkerNoteOf(w, &w->tags.wants[w->tags.pieces[u->from].want], "tag %.80s: %s", name, reason);
         w->replan = 1;
     }
     u->refused = 1;

@@ -258,6 +258,8 @@ void eipTagLearn(eipTags *t, eipTag *tag, const eipAnswer *answer)
         eipStatusText(answer->status, answer->extended, text, sizeof(text));
         if (tag->indexed && (answer->status == eipPathSegment || answer->status == eipPathUnknown))
             epicsSnprintf(text, sizeof(text), "no such tag or dimension (%02X)", answer->status);
+        else if (strchr(tag->base, '[') && answer->status == eipPathUnknown)
+            epicsSnprintf(text, sizeof(text), "no such tag or index (%02X)", answer->status);
         bad(t, tag, text);
         return;
     }

@@ -23,20 +23,36 @@ void eipWorkerTell(eipWorker *w)
     w->setup.wake(w->setup.arg);
 }
 
-void eipWorkerNote(eipWorker *w, const char *format, ...)
+static void note(eipWorker *w, const eipWant *want, const char *format, va_list args)
 {
-    va_list args;
-
     if (!eipWorkerEnter(w))
         return;
     if (w->news.log[0]) {
         w->moreLog++;
     } else {
-        va_start(args, format);
         epicsVsnprintf(w->news.log, sizeof(w->news.log), format, args);
-        va_end(args);
+        w->news.at = want ? want->place : 0;
+        w->news.room = want ? want->room : 0;
     }
     eipWorkerTell(w);
+}
+
+void eipWorkerNote(eipWorker *w, const char *format, ...)
+{
+    va_list args;
+
+    va_start(args, format);
+    note(w, NULL, format, args);
+    va_end(args);
+}
+
+void eipWorkerNoteOf(eipWorker *w, const eipWant *want, const char *format, ...)
+{
+    va_list args;
+
+    va_start(args, format);
+    note(w, want, format, args);
+    va_end(args);
 }
 
 void eipWorkerReason(const eipAnswer *answer, char reason[PLC_REASON_SIZE])

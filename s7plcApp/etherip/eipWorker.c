@@ -204,7 +204,7 @@ int eipWorkerTake(eipWorker *w, plcNews *news, void *input, void *output)
     }
     if (w->moreLog)
         epicsSnprintf(news->log + strlen(news->log), sizeof(news->log) - strlen(news->log),
-                      " (and %u more)", w->moreLog);
+                      " (and %u more: drvEtherIP_dump)", w->moreLog);
     memset(&w->news, 0, sizeof(w->news));
     w->hasNews = 0;
     w->moreLog = 0;

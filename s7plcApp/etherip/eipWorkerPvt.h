@@ -170,6 +170,9 @@ int eipWorkerEnter(eipWorker *w);
 void eipWorkerTell(eipWorker *w);
 /* A line for the log; the lock is not held. */
 void eipWorkerNote(eipWorker *w, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);
+/* The same, about the records of a wish. */
+void eipWorkerNoteOf(eipWorker *w, const eipWant *want, const char *format, ...)
+    EPICS_PRINTF_STYLE(3, 4);
 
 /* "PLC: no such tag (05)" */
 void eipWorkerReason(const eipAnswer *answer, char reason[PLC_REASON_SIZE]);

@@ -224,7 +224,7 @@ static void takeItem(eipWorker *w, unsigned i, const eipAnswer *answer, void *ar
     if (it->index && (answer->status == eipPathSegment || answer->status == eipPathUnknown))
         epicsSnprintf(reason, sizeof(reason), "PLC: no such element (%02X)", answer->status);
     if (settleItem(w, it, answer->status ? reason : NULL) && answer->status)
-        eipWorkerNote(w, "write of %.50s: %s", w->tags.tags[it->tag].base, reason);
+        eipWorkerNoteOf(w, &w->tags.wants[it->want], "write of %.50s: %s", w->tags.tags[it->tag].base, reason);
 }
 
 /* A message with these has no answer: they may be in the PLC, or not. */

@@ -1038,6 +1038,24 @@ def test_no_offsets(plant):
     assert ioc.alarm("off")[:2] == ("INVALID", "LINK")
 
 
+def test_other_dtyp(plant):
+    """A link of the other kind names the DTYP that it takes; a link that is refused has one line, no doubts before it"""
+    plant.tags("tag a DINT")
+    ioc = plant.new_ioc(f'etheripConfigure("P", "127.0.0.1:{plant.port}", 0)\n'
+                        's7plcConfigure("B", "", 0, 4, 4, 1, 2000, 100)',
+                        'record(bi, "$(P)flag") { field(DTYP, "S7plc") field(INP, "@P Flags[6]") }\n'
+                        'record(ai, "$(P)level") { field(DTYP, "S7plc") field(INP, "@P Tank.Level S 0.1") }\n'
+                        'record(ai, "$(P)off") { field(DTYP, "S7plc") field(INP, "@P/4") }\n'
+                        'record(ai, "$(P)tag") { field(DTYP, "EtherIP") field(INP, "@B Tank.Level") }\n'
+                        'record(waveform, "$(P)wave") { field(DTYP, "EtherIP") field(INP, "@P a E") field(NELM, "2") field(FTVL, "LONG") }\n')
+    for name, words in [("flag", 'a PLC by EtherNet/IP has tags, no offsets; needed: DTYP "EtherIP", as in @PLC Tank.Level'),
+                        ("level", 'needed: DTYP "EtherIP", as in @PLC Tank.Level'), ("off", 'needed: DTYP "EtherIP"'),
+                        ("tag", 'B is no PLC with tags; drvEtherIP_define_PLC or etheripConfigure makes one. '
+                                'Here DTYP "S7plc" is needed, as in @B/0'), ("wave", "E is not for a waveform")]:
+        lines = [line for line in ioc.log.splitlines() if f':{name}"' in line and "record(" not in line]
+        assert len(lines) == 1 and words in lines[0], lines
+
+
 def test_wrong_definitions(plant):
     """A wrong argument of a definition is one line, and no PLC"""
     plant.tags("tag A DINT")

@@ -154,7 +154,7 @@ def test_names_of_elements(plant):
     plant.ioc.wait_alarm("text", "INVALID", "READ", "the tag is no array of numbers", ask=True)
     plant.ioc.wait_alarm("end", "INVALID", "READ", "PLC: no such element (05)", ask=True)
     plant.ioc.wait_log("tag A[1,2]: PLC: no such tag or dimension (05)")
-    plant.ioc.wait_log("tag A[99]: PLC: no such element (05)")
+    plant.ioc.wait_log(f"record {plant.ioc.P}end, tag A[99]: PLC: no such element (05)")
     plant.ioc.put("one.INP", "@P T[1,9] S 0.05")
     plant.ioc.wait_log("tag T[1,9]: PLC: no such element (05)")
     plant.ioc.wait_log("tag Str: the tag is no array of numbers")

@@ -482,7 +482,7 @@ static const struct {
 static void testIndexed(void)
 {
     eipWant *w = calloc(1, sizeof(*w));
-    eipAnswer none = {.status = eipPathSegment};
+    eipAnswer none = {.status = eipPathSegment}, unknown = {.status = eipPathUnknown};
     char text[20];
     eipTags t;
     size_t i;
@@ -498,6 +498,13 @@ static void testIndexed(void)
     eipTagLearn(&t, &t.tags[0], &none);
     testOk(t.tags[0].state == eipTagBad && strcmp(t.tags[0].reason, "PLC: no such tag or dimension (04)") == 0,
            "%s", t.tags[0].reason);
+    eipTagsFree(&t);
+    w = calloc(1, sizeof(*w));
+    w[0] = want("A[9].x", 0, eipCell, 0);
+    eipTagsInit(&t);
+    eipTagsSet(&t, w, 1);
+    eipTagLearn(&t, &t.tags[0], &unknown);
+    testOk(strcmp(t.tags[0].reason, "PLC: no such tag or index (05)") == 0, "%s", t.tags[0].reason);
     eipTagsFree(&t);
 }
 

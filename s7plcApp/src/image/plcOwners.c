@@ -5,6 +5,7 @@
 #include <cantProceed.h>
 #include <epicsAtomic.h>
 #include <epicsMutex.h>
+#include <epicsStdio.h>
 
 #include "plcOwners.h"
 
@@ -84,6 +85,20 @@ plcOwner *plcOwnersCopy(plcOwners *owners, int output, size_t *count)
     if (copy && *count)
         qsort(copy, *count, sizeof(*copy), byPlace);
     return copy;
+}
+
+unsigned plcOwnersIn(plcOwners *owners, size_t offset, size_t length, char *first, size_t size)
+{
+    unsigned count = 0;
+    plcOwner *owner;
+
+    epicsMutexMustLock(owners->lock);
+    for (owner = (plcOwner *)ellFirst(&owners->list); owner;
+         owner = (plcOwner *)ellNext(&owner->node))
+        if (owner->offset >= offset && owner->offset - offset < length && !count++)
+            epicsSnprintf(first, size, "%s", owner->name);
+    epicsMutexUnlock(owners->lock);
+    return count;
 }
 
 /* True when both claim a bit of the same element, whatever the order of its bytes. */

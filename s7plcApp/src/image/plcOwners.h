@@ -47,6 +47,10 @@ int plcOwnersChanges(plcOwners *owners);
  * NULL when there are none. */
 plcOwner *plcOwnersCopy(plcOwners *owners, int output, size_t *count);
 
+/* How many have a place that begins in these bytes of the input or output block; *first is the name
+ * of one. */
+unsigned plcOwnersIn(plcOwners *owners, size_t offset, size_t length, char *first, size_t size);
+
 /* True when the two claim the same bits of the same bytes. */
 int plcOwnersOverlap(const plcOwner *a, const plcOwner *b);
 

@@ -149,7 +149,8 @@ static int checkOffsets(const devRecord *dev, const plcLink *link, plcLinkError 
     const char *wire = plcStationByName(dev->station);
 
     return wire ? plcLinkFail(error, link->column.offset,
-                              "a PLC by %s has tags, no offsets; needed: the DTYP for its tags", wire)
+                              "a PLC by %s has tags, no offsets; needed: %s", wire,
+                              plcStationNameForm(dev->station))
                 : 0;
 }
 
@@ -227,6 +228,20 @@ static void warn(dbCommon *prec, const plcLinkError *doubt)
         devWarn(prec, "%s: %s", devSupportOf(prec)->field, doubt->text);
 }
 
+/* A link to a PLC whose values have names is told so, whatever else is wrong with it. */
+static int parse(devRecord *dev, const char *text, plcLink *link, plcLinkError *error)
+{
+    size_t column;
+
+    if (plcLinkParse(text, link, error) == 0)
+        return 0;
+    column = error->column;
+    dev->station = link->station[0] ? plcStationFind(link->station) : NULL;
+    if (dev->station && checkOffsets(dev, link, error))
+        error->column = column;
+    return -1;
+}
+
 static int resolve(dbCommon *prec, devRecord *dev, const char *text, plcLinkError *error)
 {
     const devSupport *support = devSupportOf(prec);
@@ -236,7 +251,7 @@ static int resolve(dbCommon *prec, devRecord *dev, const char *text, plcLinkErro
 
     if (support->resolve)
         return support->resolve(prec, dev, text, error);
-    if (plcLinkParse(text, &link, error))
+    if (parse(dev, text, &link, error))
         return -1;
     warn(prec, error);
     if (devFindStation(dev, link.station, error))

@@ -510,7 +510,7 @@ int plcExchangeNews(plcStation *s, epicsUInt64 now, plcExchangeOpened *opened, e
         if (news.opened)
             opened(s, x->line, now);
         if (news.log[0])
-            plcStationLog(s, errlogMajor, news.log);
+            plcStationLogOf(s, errlogMajor, news.at, news.room, news.log);
         if (news.unread[0])
             memcpy(x->why, news.unread, PLC_REASON_SIZE);
         if (news.shown)

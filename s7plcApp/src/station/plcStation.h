@@ -105,6 +105,8 @@ int plcStationTextOrder(const plcStation *station);
 /* The wire by which values are found by their names in the PLC, for people; NULL: they have
  * offsets. */
 const char *plcStationByName(const plcStation *station);
+/* How their links look then: "DTYP \"X\", as in @PLC name". */
+const char *plcStationNameForm(const plcStation *station);
 
 /* As `tells` of plcTransport.h. Returns 0 where the type of the record tells. Any thread. */
 int plcStationTells(const plcStation *station, const void *image, size_t offset, char *what,
@@ -309,6 +311,9 @@ void plcStationReconnect(plcStation *station);
 /* A line in the log of this PLC; transitions only, at most some per minute pass, the rest
  * is counted. Only for a policy, in the station's thread. `severity` is an errlogSevEnum. */
 void plcStationLog(plcStation *station, int severity, const char *text);
+
+/* The same, with the record before it whose place begins in these bytes of the images; room 0: none. */
+void plcStationLogOf(plcStation *station, int severity, size_t at, size_t room, const char *text);
 
 /* Sends the output image now, changed or not (s7plcSend). */
 void plcStationSend(plcStation *station);

@@ -29,6 +29,11 @@ const char *plcStationByName(const plcStation *s)
     return s->exchange && s->exchange->transport->used ? s->exchange->transport->name : NULL;
 }
 
+const char *plcStationNameForm(const plcStation *s)
+{
+    return plcStationByName(s) ? s->exchange->transport->form : NULL;
+}
+
 int plcStationTells(const plcStation *s, const void *image, size_t offset, char *what,
                     size_t whatSize, char *value, size_t valueSize)
 {

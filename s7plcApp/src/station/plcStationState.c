@@ -102,6 +102,18 @@ PLC_COLD void plcStationLog(plcStation *s, int severity, const char *text)
                     text);
 }
 
+PLC_COLD void plcStationLogOf(plcStation *s, int severity, size_t at, size_t room, const char *text)
+{
+    char name[80], others[30] = "", line[PLC_REASON_SIZE + 400];
+    unsigned count = room ? plcOwnersIn(s->owners, at, room, name, sizeof(name)) : 0;
+
+    if (count > 1)
+        epicsSnprintf(others, sizeof(others), " and %u more", count - 1);
+    if (count)
+        epicsSnprintf(line, sizeof(line), "record %s%s, %s", name, others, text);
+    plcStationLog(s, severity, count ? line : text);
+}
+
 void plcStationWake(void *arg)
 {
     plcStation *s = arg;

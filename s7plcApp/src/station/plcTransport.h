@@ -44,6 +44,7 @@ typedef struct plcNews {
                                    * shows some of them: `hidden` says which it does not */
     int inFaults, outFaults;   /* 1: something changed in these */
     char log[PLC_REASON_SIZE + 260]; /* a line for the log, "": none. Transitions only */
+    size_t at, room;           /* with log: the place in the images that it is about; room 0: none */
     int idle;                  /* without takesPuts: all puts are through (or refused) */
     /* counts since the last call */
     unsigned requests, exceptions, timeouts;
@@ -80,6 +81,7 @@ typedef struct plcTransportSetup {
 
 typedef struct plcTransport {
     const char *name;   /* of the wire, for people; "" for blocks */
+    const char *form;   /* of links where values have names: "DTYP \"X\", as in @PLC name"; else NULL */
     const char *prefix; /* the same and a blank: before log lines about its connection */
 
     /* What it can: */
