@@ -149,6 +149,29 @@ def test_arguments_of_modbus(new_ioc, command):
     assert re.search(r"^  requestTimeout +1000 ", short.command("s7plcSetOption P"), re.M)
 
 
+def test_arguments_of_etherip(new_ioc):
+    """etherip.md: drvEtherIP_define_PLC and etheripConfigure take of each argument and option what the tables say, and no more"""
+    ioc, made = new_ioc("", ""), iter(range(1000))
+
+    def takes(name="{name}", ip="127.0.0.1:1", slot="0", option=""):
+        words = [name.format(name=f"E{next(made)}"), ip, slot, *[f'"{option}"'] * bool(option)]
+        said = ioc.command(("etheripConfigure " if option else "drvEtherIP_define_PLC ") + ", ".join(words))
+        return "allowed" not in said
+    assert [row[1] for row in table("etherip.md", "drvEtherIP_define_PLC", "allowed", "meaning")] == [
+        "1 ... 255 characters, no blank, no /", "name or dotted address, with or without :port", "0 ... 255, missing = 0; -1"]
+    assert takes("x" * 255) and not [name for name in ("x" * 256, '""', '"a b"', "a/b") if takes(name)]
+    assert all(takes(ip=ip) for ip in ("localhost", "localhost:1", "127.0.0.1")) and not takes(ip="1.2.3")
+    assert all(takes(slot=slot) for slot in ("0", "255", "-1")) and not takes(slot="256") and not takes(slot="-2")
+    assert "allowed" not in ioc.command("drvEtherIP_define_PLC Missing, 127.0.0.1:1")
+    assert " Missing 127.0.0.1:1" in ioc.command("drvEtherIP_report 0")
+    for option, allowed, *_ in table("etherip.md", "option", "allowed", "default", "meaning"):
+        limits = re.match(r"(\d+) \.\.\. (\d+) bytes", allowed)
+        good = list(map(int, limits.groups())) if limits else allowed.split(", ")
+        bad = [good[0] - 1, good[1] + 1] if limits else ["maybe", ""]
+        assert all(takes(option=f"{option}={word}") for word in good), option
+        assert not [word for word in bad if takes(option=f"{option}={word}")], option
+
+
 # --- Types and links ------------------------------------------------------------------------------
 
 def messages(ioc):
