@@ -157,3 +157,52 @@ def test_locks(sources):
     told = {name for row in re.findall(r"^\| [^|]*\| ([^|]*) \|", table, re.M)
             for name in re.findall(r"`(\w+)`", row)}
     assert made == told
+
+
+# What a file that "knows nothing of" it neither includes nor calls.
+NOTHING_OF = {
+    "sockets": r"sys/socket\.h|netinet/|osiSock\.h|plcConnection\.h|eipSocket\.h|plcModbusSocket\.h|\b(socket|recv|connect|accept)\(",
+    "how to connect": r"plcConnection\.h|\bconnect\(|getaddrinfo", "addresses": r"plcResolver\.h|\bconnect\(|getaddrinfo",
+    "records": r"(dbCommon|dbAccess|recSup|recGbl|devSup|dbStaticLib|\w+Record|dev\w+)\.h|\bdbCommon\b",
+    "IOCs": r"(dbCommon|dbAccess|recSup|devSup|initHooks|iocsh|plcStation)\.h",
+    "libmodbus": r"\bmodbus_\w+\(|<modbus(/modbus)?\.h>", "threads": r"epicsThread\.h|epicsMutex\.h|epicsThread\w+\(",
+    "the log": r"errlog|plcStationLog", "clocks": r"epicsTime\.h|epicsMonotonicGet|clock_gettime",
+    "time": r"epicsTimeGetCurrent|epicsMonotonicGet|clock_gettime", "asyn": r"<asyn|\basynUser\b", "files": r"\bf?open\(",
+    "stations": r"plcStation\w*\.h", "PLCs": r"plcStation\w*\.h", "images": r"plcImage\w*\.h", "links": r"plcLink\w*\.h",
+    "types": r"plcCodec\.h", "tags": r"eipTags\.h|eipUnits\.h", "blocks": r"plcBlocks\.h|plcFraming\.h",
+}
+
+
+def told_of_files():
+    """(file, what it knows nothing of) of each row of the tables of files in docs/architecture.md"""
+    for line in (TOP / "docs/architecture.md").read_text().splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")] if line.startswith("| `") else []
+        if len(cells) != 3:
+            continue
+        for name in re.findall(r"`([\w/.]+)`", cells[0]):
+            places = [TOP / "s7plcApp" / folder / (name + end) for folder in ("src", "", "asyn") for end in (".c", ".h", "")]
+            for file in (place for place in places if place.is_file()):
+                yield from ((file, word.strip()) for word in re.split(r"[,;]| or ", cells[2]))
+
+
+def test_knows_nothing_of():
+    """what docs/architecture.md says that a file knows nothing of it neither includes nor calls"""
+    wrong, count = [], 0
+    for file, word in told_of_files():
+        code = COMMENTS.sub(lambda m: m.group() if m.group().endswith('.h"') else blank(m), file.read_text())
+        found = word in NOTHING_OF and re.search(NOTHING_OF[word], code)
+        count += word in NOTHING_OF
+        if found:
+            wrong.append(f"{file.relative_to(TOP)}: {word}: {found.group()}")
+    assert count > 150 and not wrong, "\n".join(wrong)
+
+
+def test_workers_are_apart(sources):
+    """the worker of Modbus touches no input image, no record and no log: the station does"""
+    workers = [s for s in sources if re.fullmatch(r"plcModbus(Ask|Turns|Reads|Writes)?\.[ch]", s.name)]
+    assert len(workers) == 6
+    what = re.compile("|".join(NOTHING_OF[word] for word in ("records", "the log", "stations")) +
+                      r"|plcImage(Publish|Invalidate|Read|Peek|Reason|Valid)\w*\(")
+    wrong = [f"{s.where}: {m.group()}" for s in workers for m in [what.search("\n".join(
+        line for line in s.text.splitlines() if line.startswith("#include")) + s.code)] if m]
+    assert not wrong, "\n".join(wrong)

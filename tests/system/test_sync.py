@@ -170,6 +170,7 @@ def test_put(pair_of):
     for name in ("Remote", "Time", "Refused", "Count", "Lost", "Readbacks"):
         assert ioc.text(f"Sync{name}.NAME") == ioc.text(f"Sync:{name}.NAME"), name
     assert ioc.text("Sync:Remote") == "REMOTE" and ioc.get("Sync:Readbacks") > 0
+    assert "sync: waiting -> checking" in ioc.log and "sync: checking -> synced" in ioc.log
 
 
 def test_put_while_checking(pair_of):

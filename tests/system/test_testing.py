@@ -56,7 +56,7 @@ def test_run():
         env = {**os.environ, "PLCLINK_TEST_WORKERS": told} if told else \
             {k: v for k, v in os.environ.items() if k != "PLCLINK_TEST_WORKERS"}
         assert subprocess.run(["sh", "-c", f"{line}; echo $workers"], env=env, capture_output=True, text=True).stdout == workers + "\n"
-    assert RUN.read_text().count('-n "$workers"') == 2
+    assert RUN.read_text().count('-n "$workers" "$@"') == 2
 
 
 def test_limit():
