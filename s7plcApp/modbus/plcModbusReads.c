@@ -272,9 +272,10 @@ static void tellOutputs(plcModbus *m)
         if (m->mayWrite)
             plcImagePutsWaiting(m->setup.out, m->outNews, m->waiting);
         m->news.shown = 1;
-        m->news.unread[0] = 0;
     }
-    if (refused && strcmp(reason, s->unread)) {
+    if (!refused) {
+        m->news.unread[0] = 0;
+    } else if (strcmp(reason, s->unread)) {
         strcpy(m->news.unread, reason);
         if (!shown)
             tellUnread(m);

@@ -993,6 +993,7 @@ static void testShown(void)
     plc *p = plcCreate();
     world *w = worldCreate(p, "", "holding 0 4, coils 0 8", 1);
     epicsUInt8 hidden[9];
+    unsigned asked;
     int shown;
 
     w->options.readPeriod = 5;
@@ -1038,6 +1039,13 @@ static void testShown(void)
     plcSetRules(p, NULL, 0);
     UNTIL(w, w->all.shown > shown && plcModbusHidden(w->modbus, hidden) == 0);
     testOk(w->all.shown > shown, "and all shown again");
+    w->all.unread[0] = 0;
+    asked = plcAsked(p, 1, 0);
+    plcOneRule(p, 1, 0, 9, refuses, 2);
+    WAIT_FOR(plcAsked(p, 1, 0) > asked + 4); /* and nobody takes the news */
+    take(w);
+    testOk(strcmp(w->all.unread, "PLC: exception 2, illegal data address") == 0,
+           "what is read again before anybody knows why it was refused keeps the reason: %s", w->all.unread);
     worldDestroy(w);
     plcDestroy(p);
 }
@@ -1507,7 +1515,7 @@ static void testDescriptors(void)
 
 MAIN(modbusTest)
 {
-    testPlan(115);
+    testPlan(116);
     testInputs();
     testLittleEndian();
     testPeriods();
