@@ -412,11 +412,50 @@ static void asking(void)
     plcPutsDestroy(p);
 }
 
+/* Two of one place, and one beside it: what is put again is put for all whose last put it is. */
+static void askingTogether(void)
+{
+    epicsUInt8 bytes[3][2];
+    plcPuts *p = plcPutsCreate(size, 100);
+    plcLastPut one = {.offset = 2, .length = 2, .bytes = bytes[0]}, two = one, beside = one;
+
+    two.bytes = bytes[1];
+    beside.bytes = bytes[2];
+    beside.offset = 6;
+    plcPutsAsk(p, &beside);
+    plcPutsAsk(p, &one);
+    plcPutsAsk(p, &two);
+    addAsking(p, &beside, "ab");
+    addAsking(p, &one, "AB");
+    addAsking(p, &two, "CD");
+    testOk(!one.waits && two.waits && plcPutsCount(p) == 2, "the put of one is where that of another was");
+    takeAll(p);
+    plcPutsDone(p);
+    plcPutsAhead(p, "..CD..ab", (const epicsUInt8 *)"\0\0\xff\xff\0\0\0\0");
+    takeAll(p);
+    plcPutsFail(p, 2, 2, NULL, "refused");
+    plcPutsDone(p);
+    testOk(!strcmp(one.why, "refused") && !strcmp(two.why, "refused") && !beside.why[0],
+           "both are told that it is refused when it is put again");
+    plcLastPutFail(p, &one, PLC_PUT_NEVER, "never made");
+    plcLastPutFail(p, &one, one.number, "refused");
+    testOk(!strcmp(one.why, "never made"), "what was never made stays so: %s", one.why);
+    plcLastPutForgive(p, &two);
+    addAsking(p, &two, "EF");
+    plcPutsAskNot(p, &one);
+    plcPutsAskNot(p, &two);
+    takeAll(p);
+    plcPutsFail(p, 2, 2, NULL, "refused");
+    plcPutsDone(p);
+    testOk(!plcPutsFailed(p) && !two.why[0], "who asks no more is told nothing");
+    plcPutsDestroy(p);
+}
+
 MAIN(putsTest)
 {
     unsigned i;
 
-    testPlan(87 + 7 + 5 + 9 + 9);
+    testPlan(87 + 7 + 5 + 9 + 9 + 4);
     order();
     bits();
     numbers();
@@ -427,6 +466,7 @@ MAIN(putsTest)
     overlay();
     backWhileAway();
     asking();
+    askingTogether();
     for (i = 0; i < 50; i++)
         randomWalk(i);
     return testDone();
