@@ -1,7 +1,7 @@
 """Modbus/TCP: modbusplcConfigure against plcSim. Every put is acknowledged, and leaves once a connection."""
 from . import judge
 from .plan import Fault
-from .world import IOC, PLC, WIRE, World, record
+from .world import IOC, PLC, WIRE, WRITE, World, record
 
 
 class Modbus(World):
@@ -41,6 +41,8 @@ class Modbus(World):
                 + record("int64in", "z", "60 T=UINT32")
                 + "".join(record("int64out", f"o{i}", f"{8 * i - 8} T=INT64") for i in range(1, 4)))
 
+    given_up = frozenset()  # records with a write that was, in this episode
+
     held_at_rest = World.held_as_asked
 
     def held(self, record):  # hook
@@ -48,9 +50,24 @@ class Modbus(World):
 
     def normal(self):
         super().normal()
+        self.given_up = set()
         if self.outputs.refusing:  # what was refused is not tried again by itself
             for record in range(1, self.OUTPUTS + 1):
                 self.put_once_more(record)
+
+    def outputs_settled(self):
+        """A write that is not answered twice is given up: its record says so until the next put, which people make."""
+        for record in range(1, self.OUTPUTS + 1):
+            _, severity, status, *_ = self.ask(f"o{record}")
+            if severity and status == WRITE and record not in self.given_up and not self.holds(record):
+                self.given_up.add(record)
+                self.put_once_more(record)
+        return super().outputs_settled()
+
+    def holds(self, record):
+        """The PLC has what was put last."""
+        wanted = self.outputs.puts.get(record)
+        return not wanted or self.held(record) == judge.setpoint(record, wanted[-1])
 
     def put_once_more(self, record):
         while record in self.pending:

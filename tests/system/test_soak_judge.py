@@ -12,9 +12,10 @@ from soak import judge, plan, report, wire
 from soak.__main__ import TRANSPORTS
 from soak.blocks import Edges, Frames
 from soak.etherip import EtherIp
+from soak.modbus import Modbus
 from soak.pair import Pair
 from soak.sync import Sync
-from soak.world import World
+from soak.world import WRITE, World
 
 FAULTS = [plan.Fault("a", 5, 0.5, 1.0), plan.Fault("b", 1), plan.Fault("c", 0)]
 
@@ -439,3 +440,18 @@ def test_faults_overlap():
     assert world.blind_until == float("inf")
     next(long, None)
     assert time.monotonic() < world.blind_until <= time.monotonic() + world.TIMEOUT
+
+
+@pytest.mark.parametrize("holds, status, again", [(0, WRITE, [1]), (0, WRITE + 1, []), (1, WRITE, [])],
+                         ids=["given up", "another alarm", "the PLC has it"])
+def test_given_up(holds, status, again):
+    """over Modbus a write that was given up is put again, once; nothing else is ({holds}, {status})"""
+    outputs, puts = judge.Outputs(), []
+    value = outputs.put(1)
+    world = Modbus.__new__(Modbus)
+    world.outputs, world.OUTPUTS, world.given_up, world.put_once_more = outputs, 1, set(), puts.append
+    world.ask = lambda name: (value, 3, status, 0, 0)
+    world.held = lambda record: holds * value
+    for _ in range(2):
+        assert world.outputs_settled() == "o1 has severity 3"
+    assert puts == again
