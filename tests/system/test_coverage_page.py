@@ -2,7 +2,9 @@
 import importlib.machinery
 import importlib.util
 import re
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from test_promises import unit_programs
@@ -52,6 +54,24 @@ def test_survivors():
         else:
             file, _, change = line.partition(": ")
             assert reason and change.split("  ==>")[0].strip() in (TOP / file).read_text(), line
+
+
+@pytest.mark.parametrize("survives, listed, status", [(True, False, 1), (True, True, 0), (False, False, 0)],
+                         ids=["one that survives", "one that is listed", "one that is found"])
+def test_status(monkeypatch, capsys, survives, listed, status):
+    """make mutants: what survives is printed by file, line and change; status 1 when it is not in the list ({id})"""
+    mutate = load("mutate")
+    file = TOP / "s7plcApp/src/value/plcCodec.c"
+    mutant = ("plcCodec", file, 0, "changed;")
+    for name, value in {"Build": lambda jobs: SimpleNamespace(tests_of=lambda part: ["codecTest"]), "sources": lambda: {"plcCodec": file},
+                        "original": lambda build, file: None, "check_tests": lambda build, tests: None,
+                        "mutants": lambda part, file: [mutant], "judge": lambda build, mutant, originals: survives,
+                        "explained": lambda: {mutate.change(mutant)} if listed else set()}.items():
+        monkeypatch.setattr(mutate, name, value)
+    monkeypatch.setattr(sys, "argv", ["mutate", "--seed", "7", "--count", "1"])
+    assert mutate.main() == status
+    shown = capsys.readouterr().out
+    assert shown.startswith("seed 7: ") and ("line 1, s7plcApp/src/value/plcCodec.c: " in shown and "==>  changed;" in shown) == survives
 
 
 def test_table():

@@ -1,6 +1,7 @@
 """plcSim's EtherNet/IP seen by clients that know real controllers: pycomm3 and pylogix."""
 import contextlib
 import logging
+import socket
 import subprocess
 import threading
 
@@ -408,9 +409,15 @@ def test_faults(new_tags, new_comm):
 
 
 def test_list_identity(new_tags, new_comm):
-    """pycomm3 finds the identity without a session"""
+    """pycomm3 finds the identity without a session; by UDP nobody answers"""
     sim = new_tags("enet")
     assert CIPDriver.list_identity(f"127.0.0.1:{sim.etherip_port}")["product_name"] == "1756-ENET/A"
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+        udp.settimeout(LIMIT)
+        udp.connect(("127.0.0.1", sim.etherip_port))
+        udp.send(bytes.fromhex("63") + bytes(23))
+        with pytest.raises(ConnectionRefusedError):
+            udp.recv(100)
 
 
 # ---- beside the other servers ------------------------------------------------------------------

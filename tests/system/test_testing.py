@@ -10,7 +10,7 @@ import conftest
 import pytest
 import test_promises
 
-from client import TOP
+from client import ARCH, TOP
 
 PAGE = (TOP / "docs/testing.md").read_text()
 CHECK, RUN = (TOP / name for name in ("tests/check/run", "tests/run"))
@@ -45,6 +45,27 @@ def test_check_goes_on(tmp_path, failing):
     if failing:
         assert "FAILED" in lines[1] and (work / "two.log").read_text() == "ran two\n" and lines[2].split()[-1] == "ok"
         assert lines[-1] == "failed: two"
+
+
+@pytest.mark.parametrize("said", ["", "race"])
+def test_said(tmp_path, said):
+    """a step fails, too, when its tests pass and a program has said something of a sanitizer"""
+    text = CHECK.read_text()
+    tests = "tests() {" + text.split("\ntests() {")[1].split("\nstep() {")[0]
+    script = (f"work={tmp_path}\ncopy() {{ :; }}\nsanitized() {{ [ -z '{said}' ] || echo '{said}' >$work/$1.said.12; }}\n{tests}\n"
+              "tests unit-asan; echo status $?")
+    shown = subprocess.run(["sh", "-c", script], capture_output=True, text=True, timeout=60).stdout
+    assert shown.splitlines()[-1] == f"status {1 if said else 0}" and said in shown
+
+
+@pytest.mark.parametrize("program", ["blockStressTest", "pairStressTest", "syncStressTest"])
+def test_random(program):
+    """architecture.md: {program} plays so many episodes, or for a time, from a seed, which it prints"""
+    path = next((TOP / "tests/unit").glob(f"O.{ARCH}/{program}"))
+    for words, env, wanted in ((["2", "42"], {}, "# 2 episodes, seed 42"), ([], {"PLCLINK_EPISODES": "1"}, "# 1 episodes, seed "),
+                               (["1s", "7"], {}, "seed 7")):
+        ended = subprocess.run([path, *words], cwd=path.parent, env={**os.environ, **env}, capture_output=True, text=True, timeout=300)
+        assert ended.returncode == 0 and any(wanted in line for line in ended.stdout.splitlines()), ended.stdout[-2000:]
 
 
 def test_run():
