@@ -80,20 +80,29 @@ def read_bytes(path):
         raise Refused(str(e), Place(repr(path))) from None
 
 
+_MARKS = (b"\xef\xbb\xbf", b"\xff\xfe", b"\xfe\xff")
+
+
+def decoded(data, encoding, place):
+    """Text of bytes in that encoding; Refused where they are none."""
+    try:
+        return data.decode(encoding)
+    except LookupError:
+        raise Refused('"%s" is no encoding; allowed: such as utf-8 cp1252 cp1251 utf-16'
+                      % encoding) from None
+    except UnicodeDecodeError as e:
+        raise Refused("not %s: byte 0x%02X at %d; --encoding says another"
+                      % (encoding, data[e.start], e.start), place) from None
+    except ValueError as e:  # of the few that are for other things than files
+        raise Refused("not %s: %s" % (repr(encoding)[1:-1], str(e)[:80]), place) from None
+
+
 def decode(data, path, report=None, encoding=None):
-    """Text of bytes: a BOM says UTF-8 or UTF-16; else strict UTF-8; else cp1252, with a
-    warning that names the first line that is no ASCII. Returns (text, encoding)."""
-    if encoding:
-        try:
-            return data.decode(encoding), encoding
-        except LookupError:
-            raise Refused('"%s" is no encoding; allowed: such as utf-8 cp1252 cp1251 utf-16'
-                          % encoding) from None
-        except UnicodeDecodeError as e:
-            raise Refused("not %s: byte 0x%02X at %d" % (encoding, data[e.start], e.start),
-                          Place(path)) from None
-        except ValueError as e:  # of the few that are for other things than files
-            raise Refused("not %s: %s" % (repr(encoding)[1:-1], str(e)[:80]), Place(path)) from None
+    """Text of bytes: a BOM says UTF-8 or UTF-16; else it is `encoding`; without one strict
+    UTF-8; else cp1252, with a warning that names the first line that is no ASCII. Returns
+    (text, encoding)."""
+    if encoding and not data.startswith(_MARKS):
+        return decoded(data, encoding, Place(path)), encoding
     try:
         if data.startswith(b"\xef\xbb\xbf"):
             return data[3:].decode("utf-8"), "utf-8-sig"
@@ -114,6 +123,13 @@ def decode(data, path, report=None, encoding=None):
                                "--encoding says another (first line that is no ASCII)")
                 break
     return text, "cp1252"
+
+
+def is_utf8(data):
+    try:
+        return "\0" not in data.decode("utf-8")
+    except UnicodeDecodeError:
+        return False
 
 
 def clean(text):
@@ -143,8 +159,9 @@ def csv_rows(text, delimiter, path, blanks=False):
 
 
 def read_csv(path, name, report, encoding=None):
-    """A CSV file with a header row as a Sheet."""
-    text, used = decode(read_bytes(path), path, report, encoding)
+    """A CSV file with a header row as a Sheet. encoding: if it is not UTF-8."""
+    data = read_bytes(path)
+    text, used = decode(data, path, report, None if is_utf8(data) else encoding)
     if "\0" in text:
         line = text[:text.index("\0")].count("\n") + 1
         raise Refused("a NUL character: this is no text", Place(path, line))

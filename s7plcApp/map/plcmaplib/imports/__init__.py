@@ -6,7 +6,7 @@ import re
 from .. import columns
 from ..files import empty, is_workbook, load_sheets
 from ..problems import Place, Refused
-from ..sheets import decode, read_bytes, csv_rows
+from ..sheets import csv_rows, decode, is_utf8, read_bytes
 from . import iecxml, merge, outline, rockwell, s7source, s7table, sheetform, tia
 
 FORMS = ("STEP 7 .asc .sdf .seq .dif; sources of data blocks and types; outlines; TIA tag tables (.xlsx .xml "
@@ -29,16 +29,14 @@ def read_file(path, args, report):
     if re.match(rb"(\xef\xbb\xbf)?\s*<", data) or data[:4] in (b"\xff\xfe<\0", b"\xfe\xff\0<"):
         return _read_xml(data, path, report)
     if s7table.is_asc(data):
-        encoding = args.encoding or "cp1252"
-        return s7table.read_asc(data, path, report, lambda b: decode(b, path, None, encoding)[0]
-                                if args.encoding else b.decode("cp1252", "replace"))
+        return s7table.read_asc(data, path, report, args.encoding or "cp1252")
     text, _ = decode(data, path, report, args.encoding)
     if "\0" in text[:2000]:
         raise Refused("no text and no workbook. Forms that are known: %s" % FORMS, Place(path))
     if args.columns:
         delimiter = max(",;\t", key=text.split("\n", 1)[0].count)
         return sheetform.read({os.path.basename(path): csv_rows(text, delimiter, path)}, path,
-                              _description(args), report)
+                              _description(args, report), report)
     return _read_text(text, path, args, report)
 
 
@@ -82,7 +80,7 @@ def _read_workbook(path, args, report):
     from ..workbook import read_cells
     cells = read_cells(path, report)
     if args.columns:
-        return sheetform.read(cells, path, _description(args), report)
+        return sheetform.read(cells, path, _description(args, report), report)
     if tia.find_tags(cells):
         return tia.read_workbook(cells, path, report)
     heads = "; ".join("%s: %s" % (tab, ", ".join(t for t in rows[0][1] if t)[:80] if rows else "empty")
@@ -91,8 +89,9 @@ def _read_workbook(path, args, report):
                   % (", ".join(tia.TAG_COLUMNS), heads), Place(path))
 
 
-def _description(args):
-    text, _ = decode(read_bytes(args.columns), args.columns)
+def _description(args, report):
+    data = read_bytes(args.columns)
+    text, _ = decode(data, args.columns, report, None if is_utf8(data) else args.encoding)
     return sheetform.read_description(text, args.columns)
 
 
@@ -116,7 +115,7 @@ def run_import(args, report):
     """Lines that say what was done."""
     lines, sources = [], []
     if args.columns:
-        _description(args)  # refused before anything else
+        _description(args, report)  # refused before anything else
     for path in args.files:
         source = read_file(path, args, report)
         sources.append(source)

@@ -3,7 +3,7 @@ with offsets (copied from an editor), PC WORX's variables, the CSV of S7-Project
 import re
 
 from ..problems import Place, Refused
-from ..sheets import csv_rows
+from ..sheets import csv_rows, decoded
 from ..types import ELEMENTARY, Text
 from .common import Source, add_symbol, known_type, siemens_address
 
@@ -14,7 +14,7 @@ def is_asc(data):
     return re.match(rb"\s*126,", data) is not None
 
 
-def read_asc(data, path, report, decode):
+def read_asc(data, path, report, encoding):
     """Lines of fixed width; the width counts bytes."""
     source = Source("STEP 7 symbol table (.asc)")
     for number, raw in enumerate(data.replace(b"\r", b"").split(b"\n"), 1):
@@ -27,7 +27,7 @@ def read_asc(data, path, report, decode):
             continue
         line, parts = line[4:].ljust(sum(ASC)), []
         for width in ASC:
-            parts.append(decode(line[:width]).strip())
+            parts.append(decoded(line[:width], encoding, place).strip())
             line = line[width:]
         if not parts[0]:
             report.warning(place, None, "no symbol: left out")
