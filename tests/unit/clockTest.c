@@ -61,6 +61,8 @@ static const struct {
      "\x07\xB2\x01\x01\x05\x00\x00\x00\x00\x00\x00\x00", 1, ""},
     {"DTL all zero is no date", DTL_BIG, "\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00", 1,
      ""},
+    {"DTL 2125-12-31, the last year of EPICS time", DTL_BIG,
+     "\x08\x4D\x0C\x1F\x02\x17\x3B\x3B\x00\x00\x00\x00", 0, "2125-12-31 23:59:59.000000000"},
     {"DTL 2200 is beyond EPICS time", DTL_BIG,
      "\x08\x98\x01\x01\x04\x00\x00\x00\x00\x00\x00\x00", 1, ""},
     {"DTL 1000000000 ns are no fraction", DTL_BIG,

@@ -467,8 +467,20 @@ static void testOpening(void)
 
 static void testRefusals(void)
 {
-    eipConnect c = upToOpening("1,0");
+    eipConnect c = connectOf("", 0);
     epicsUInt32 id;
+    int i;
+
+    answerStep(&c, 0, services);
+    answerStep(&c, 0, "01 00 00 00");
+    isBytes("the question for the identity", frame + 40, eipConnectNext(&c, frame, sizeof(frame)) - 40,
+            "01 02 20 01 24 01");
+    c = upToOpening("1,0");
+    for (i = 0; i < 4; i++)
+        answerStep(&c, 0x01, "00 01");
+    testOk(c.step == eipStepSmall && c.session.opening.size == 504,
+           "the number of a large connection is in use four times: a small one");
+    c = upToOpening("1,0");
 
     answerStep(&c, 0x08, NULL);
     testOk(c.step == eipStepSmall && c.session.opening.size == 504,

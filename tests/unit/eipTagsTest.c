@@ -820,6 +820,8 @@ static void testThree(void)
     testOk(t.unitCount == 1 && eipUnitSplit(&t, 0) == 1 && t.unitCount == 2 && t.units[0].count == 1 &&
                t.units[1].first == 1 && t.units[1].count == 2,
            "three elements become one and two");
+    testOk(t.pieces[t.units[1].from].offset == 0 && t.pieces[t.units[1].from + 1].offset == 4,
+           "whose data begins anew");
     eipTagsFree(&t);
 }
 

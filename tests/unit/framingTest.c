@@ -28,7 +28,7 @@ static void streamOpen(stream *s, size_t blockSize, size_t senderBlock)
     s->framing = plcFramingCreate(blockSize);
     s->blockSize = blockSize;
     s->senderBlock = senderBlock;
-    s->now = 5000 * MS;
+    s->now = 5000000 * MS;
 }
 
 /* Byte i of each of the sender's blocks is i modulo 251. */

@@ -405,6 +405,26 @@ static void testOwed(void)
     plcImageDestroy(image);
 }
 
+/* A put of somebody who asks what becomes of it */
+static void testAsked(void)
+{
+    plcImage *image = plcImageCreate(4);
+    epicsUInt8 room[1], got[4], mask[4];
+    plcLastPut last = {.length = 1, .bytes = room};
+    plcWritten written = {.last = &last};
+
+    plcImageKeepPuts(image, 1000);
+    plcImageAsk(image, &last);
+    plcImageWrite(image, 0, 1, "A", NULL, &written);
+    plcImageTakePuts(image, NULL, NULL, got, mask);
+    plcImagePutsFail(image, 1, 3, NULL, "refused");
+    testOk(!plcImagePutsFailed(image), "what is refused behind it is none of it");
+    plcImagePutsFail(image, 0, 1, NULL, "refused");
+    testOk(plcImagePutsFailed(image), "that it is refused is known");
+    plcImageAskNot(image, &last);
+    plcImageDestroy(image);
+}
+
 /* A put that its record has taken back */
 static void testCancel(void)
 {
@@ -750,6 +770,32 @@ static void testThreads(void)
     plcImageDestroy(r.out);
 }
 
+static void locker(void *arg)
+{
+    race *r = arg;
+
+    if (epicsMutexTryLock(r->in->lock) != epicsMutexLockOK)
+        return;
+    r->tornIn = 1;
+    epicsMutexUnlock(r->in->lock);
+}
+
+/* A reader who is not overtaken has nothing to do with the lock; here he has it for another reason. */
+static void testNotOvertaken(void)
+{
+    static EPICSTHREADFUNC const functions[] = {locker};
+    race r = {.in = plcImageCreate(BLOCK)};
+    char got[4];
+
+    publish(&r, 0);
+    epicsMutexMustLock(r.in->lock);
+    plcImageRead(r.in, 0, 4, got, NULL);
+    runRace(&r, functions, 1);
+    testOk(!r.tornIn, "a reader who is not overtaken does not give the lock back");
+    epicsMutexUnlock(r.in->lock);
+    plcImageDestroy(r.in);
+}
+
 static void testBitThreads(void)
 {
     static EPICSTHREADFUNC const functions[] = {bitTaker, bitWriter0, bitWriter1,
@@ -811,7 +857,7 @@ static void testPuts(void)
 
 MAIN(imageTest)
 {
-    testPlan(17 + 7 + 13 + 1 + 10 + 10 + 3 + 8 + 11 + 4 + 1 + 9 + 3 + 1 + 4);
+    testPlan(17 + 7 + 13 + 1 + 1 + 2 + 10 + 10 + 3 + 8 + 11 + 4 + 1 + 9 + 3 + 1 + 4);
     testDiag("Input");
     testEdges();
     testEdgesSeen();
@@ -825,11 +871,13 @@ MAIN(imageTest)
     testDiag("Which bits were written");
     testChanges();
     testOwed();
+    testAsked();
     testCancel();
     testModel();
     testPuts();
     testDiag("Threads");
     testThreads();
+    testNotOvertaken();
     testBitThreads();
     return testDone();
 }

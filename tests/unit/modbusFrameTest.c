@@ -38,6 +38,8 @@ static const struct {
     {"one register for two",           READ3, "00 01 00 00 00 05 01 03 02 00 05", "bad answer: too short", 0},
     {"two registers that say three",   READ3, "00 01 00 00 00 07 01 03 06 00 05 00 06",
      "bad answer: wrong number of bytes", 0},
+    {"two registers that say one",     READ3, "00 01 00 00 00 07 01 03 02 00 05 00 06",
+     "bad answer: wrong number of bytes", 0},
     {"an exception",                   READ3, "00 01 00 00 00 03 01 83 02", NULL, 2},
     {"exception 0",                    READ3, "00 01 00 00 00 03 01 83 00", "bad answer: exception 0", 0},
     {"an exception with more behind",  READ3, "00 01 00 00 00 04 01 83 02 00", "bad answer: too long", 0},

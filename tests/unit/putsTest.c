@@ -352,6 +352,12 @@ static void backWhileAway(void)
     testOk(!plcPutsAhead(p, "", ""), "an image of no bytes has nothing to put again");
     plcPutsDestroy(p);
     p = plcPutsCreate(size, 100);
+    plcPutsAhead(p, "abcdefgh", "\xff\0\0\0\0\0\0\0");
+    plcPutsAway(p, 1);
+    testOk(plcPutsCount(p) == 1 && !strcmp(next(p, NULL, NULL), "a......."),
+           "what is to be put again is thinned out as well, and stays");
+    plcPutsDestroy(p);
+    p = plcPutsCreate(size, 100);
     add(p, 0, "AB", NULL, 0);
     add(p, 4, "CD", NULL, 0);
     plcPutsVoid(p, 2, 2, NULL);
@@ -402,8 +408,16 @@ static void asking(void)
     plcPutsFail(p, 2, 2, NULL, "no answer");
     plcPutsBack(p);
     testOk(plcPutsFailed(p) && who.waits, "what has failed and waits again has still failed");
+    plcPutsReplace(p, 2, 1, "C", NULL);
+    testOk(plcPutsFailed(p) && who.waits, "also when the PLC has a part of it by itself");
     plcPutsReplace(p, 2, 2, "CD", NULL);
-    testOk(!plcPutsFailed(p) && !who.waits && plcPutsCount(p) == 0, "until the PLC has the same by itself");
+    testOk(!plcPutsFailed(p) && !who.waits && plcPutsCount(p) == 0, "until it has all of it");
+    addAsking(p, &who, "AB");
+    takeAll(p);
+    plcPutsFail(p, 2, 2, NULL, "refused");
+    plcPutsDone(p);
+    testOk(plcPutsShown(p, shown, NULL) == 0 && plcPutsShown(p, shown, NULL) == 1,
+           "after each refusal what the PLC shows may be older once");
     addAsking(p, &who, "EF");
     plcPutsReplace(p, 2, 1, "X", NULL);
     testOk(strcmp(who.why, plcNotWritten) == 0 && !strcmp(next(p, NULL, NULL), "...F...."),
@@ -455,7 +469,7 @@ MAIN(putsTest)
 {
     unsigned i;
 
-    testPlan(87 + 7 + 5 + 9 + 9 + 4);
+    testPlan(87 + 7 + 5 + 10 + 11 + 4);
     order();
     bits();
     numbers();

@@ -208,6 +208,18 @@ static void noAnswer(void)
         plcTablesBlock(&t, in, 1);
     }
     testOk(t.command == plcTablesBegin, "LOCAL in between counts for nothing");
+    s.same = 1;
+    statusBlock(in, &s);
+    plcTablesBlock(&t, in, 1);
+    s.same = 0;
+    statusBlock(in, &s);
+    begins = 0;
+    for (i = 0; i < 1000; i++) {
+        plcTablesBlock(&t, in, 1);
+        begins += t.command == plcTablesBegin;
+        plcTablesPack(&t, out, 1);
+    }
+    testOk(begins == 3, "three times anew when it had the table and has lost it");
 }
 
 /* --- The walk ---------------------------------------------------------------------------*/
@@ -705,7 +717,7 @@ MAIN(tablesTest)
     char error[300];
     plcPointers *table;
 
-    testPlan(EVENTS + 7 + 3 + 4 + 2 + 3 + 5 + WRONGS);
+    testPlan(EVENTS + 7 + 4 + 4 + 2 + 3 + 5 + WRONGS);
     table = read(goodFile, error, sizeof(error));
     ours = table->bytes;
     ourSize = table->size;
