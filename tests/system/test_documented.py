@@ -151,7 +151,7 @@ def test_arguments_of_modbus(new_ioc, command):
 
 def test_arguments_of_etherip(new_ioc):
     """etherip.md: drvEtherIP_define_PLC and etheripConfigure take of each argument and option what the tables say, and no more"""
-    ioc, made = new_ioc("", ""), iter(range(1000))
+    ioc, made = new_ioc("drvEtherIP_define_PLC Early, 127.0.0.1:1", ""), iter(range(1000))
 
     def takes(name="{name}", ip="127.0.0.1:1", slot="0", option=""):
         words = [name.format(name=f"E{next(made)}"), ip, slot, *[f'"{option}"'] * bool(option)]
@@ -164,6 +164,9 @@ def test_arguments_of_etherip(new_ioc):
     assert all(takes(slot=slot) for slot in ("0", "255", "-1")) and not takes(slot="256") and not takes(slot="-2")
     assert "allowed" not in ioc.command("drvEtherIP_define_PLC Missing, 127.0.0.1:1")
     assert " Missing 127.0.0.1:1" in ioc.command("drvEtherIP_report 0")
+    options = ioc.command("s7plcSetOption Early")
+    for name, value in ("requestTimeout", "2000"), ("scan", "changed"), ("track", "on"):
+        assert re.search(rf"^  {name} +{value} ", options, re.M), options
     for option, allowed, *_ in table("etherip.md", "option", "allowed", "default", "meaning"):
         limits = re.match(r"(\d+) \.\.\. (\d+) bytes", allowed)
         good = list(map(int, limits.groups())) if limits else allowed.split(", ")

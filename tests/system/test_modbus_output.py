@@ -510,10 +510,14 @@ def test_shown_again(new_station):
     """R= where the PLC does not show its registers: the block tells; as soon as it does, they do"""
     s = new_station("""
         record(longout, "$(P)plc") { field(DTYP, "S7plc") field(OUT, "@PLC/2 R=2") field(VAL, "6") }
+        record(longout, "$(P)own") { field(DTYP, "S7plc") field(OUT, "@PLC/8") }
         """, start=False)
     s.plc.without(3)
     s.start(ready=False)
     s.ioc.wait_value("plc", 0)  # what the block shows
+    s.ioc.put("own", 4)
+    s.wait_register(4, 4)
+    assert s.ioc.log_count("the PLC does not show its outputs: PLC: exception 1, illegal function") == 1
     s.plc.power_off()
     s.ioc.wait_log("Modbus disconnected")
     s.plc.refuse_no_more()
@@ -522,7 +526,7 @@ def test_shown_again(new_station):
     s.ioc.wait_value("in", 6)
     s.plc.power_on()
     s.ioc.wait_value("plc", 77)
-    assert s.plc.writes() == []
+    assert s.written() == {4}
 
 
 def test_track(new_station):
