@@ -37,6 +37,7 @@ def test_integers(plant):
         plant.ioc.put(f"o{t}", high)
         plant.wait_tag(t, str(high))
         plant.ioc.wait_value(f"ao{t}", float(high))
+        plant.ioc.wait_value(f"ai{t}", float(high))
         plant.ioc.put(f"ao{t}", 100)
         plant.wait_tag(t, "100")
         plant.ioc.put(f"l{t}", 77)
@@ -1009,7 +1010,7 @@ def test_names_as_they_stand(plant):
 
 BAD_LINKS = [
     ("@P", "no tag"), ("@P a[", "an index is missing"), ("@P a%", "is not possible"),
-    ("@P a S", "S has no number"), ("@P a B 64", "B 64"), ("@P a X", "is no flag"),
+    ("@P a S", "S has no number"), ("@P a B 64", "B 64"), ("@P a X", "is no flag; allowed: E, S seconds"),
     ("@Q a", 'no PLC "Q"'), ("@P a.3 B 4", "one of them")]
 
 
