@@ -94,6 +94,15 @@ static void lead(pairRole *r, unsigned which, pairReason reason, epicsUInt64 sil
     forgetClaims(r);
 }
 
+/* What is much longer than ever says that the IOC stood still: a PLC that has become slower is
+ * learned step by step. */
+static epicsUInt64 plausible(const pairMember *m, epicsUInt64 interval)
+{
+    epicsUInt64 most = 2 * longestOf(m);
+
+    return m->intervals >= KNOWN && interval > most ? most : interval;
+}
+
 /* Learns the period of a PLC. The time in which it was the BACKUP is no interval. */
 static void noteInterval(pairRole *r, unsigned which, epicsUInt64 now)
 {
@@ -103,7 +112,7 @@ static void noteInterval(pairRole *r, unsigned which, epicsUInt64 now)
     if (m->lastBlock && !leads && now > quietAt(r, which))
         m->refuted = 0;
     if (m->lastBlock && (leads || now - m->lastBlock <= silentAtMost(r, which, 2)))
-        m->interval[m->intervals++ % PAIR_INTERVALS] = now - m->lastBlock;
+        m->interval[m->intervals++ % PAIR_INTERVALS] = plausible(m, now - m->lastBlock);
     m->lastBlock = now;
 }
 

@@ -66,6 +66,11 @@ static const struct {
      "1@0 1@10 1@20 1@30 1@40 -1@41 1@900 1@950 1@1000 1@1050 1@1100 1@1150 1@1200 "
      "1@1250 "
      "1@1300 2@1310 .@1350 F .@1355 S"},
+ /* the IOC stood still */
+    {"an IOC that stood still meanwhile, and finds blocks of both: the other leads soon",
+     "1@0 1@100 1@200 1@300 1@400 1@4000 2@4000 F .@4210 F .@4214 S #1 ?s"                                                                  },
+    {"a PLC that has become slower is learned within two blocks",
+     "1@0 1@100 1@200 1@300 1@400 1@800 1@1200 1@1600 2@1610 .@2020 F .@2026 S"                                                             },
  /* both send */
     {"two PRIMARIES: the present one stays",                                                                                 "1@0 1@100 1@200 2@210 1@300 F 2@310 1@400 "
      "2@410 1@500 t 2@510 T F 1@600 2@610 T F #0"                                                                                                                            },
