@@ -491,10 +491,19 @@ static void fillQueue(int prio)
         ;
 }
 
+static void countFull(void *arg, const char *message)
+{
+    if (strstr(message, "s7plc: a callback queue of the IOC is full") &&
+        strstr(message, "callbackSetQueueSize"))
+        ++*(int *)arg;
+}
+
 static void testQueueFull(void)
 {
     static const char block[BLOCK] = "";
-    int passes = passesOf(&range);
+    int passes = passesOf(&range), told = 0;
+
+    errlogAddListener(countFull, &told);
 
     rememberRanges();
     fillQueue(priorityLow);
@@ -516,6 +525,9 @@ static void testQueueFull(void)
     testOk(onlyProcessed(EVERYONE), "with the LOW records only");
     testOk(plcScanRequestChanged(range.scan, block, block) == 0,
            "nothing waits any more");
+    errlogFlush();
+    errlogRemoveListeners(countFull, &told);
+    testOk(told == 1, "that the queue was full is said once, with what to do: %d", told);
 }
 
 /* Nobody asks again: the last request must not be lost for that. */
@@ -926,7 +938,7 @@ static void stopIoc(void)
 
 MAIN(scanTest)
 {
-    testPlan(2 + 2 + 8 + 8 + 17 + 9 + 9 + 2 + 24 + 17 + 10 + 1 + 13 + 8 + 3 + 3 + 7 + 1);
+    testPlan(1 + 2 + 2 + 8 + 8 + 17 + 9 + 9 + 2 + 24 + 17 + 10 + 1 + 13 + 8 + 3 + 3 + 7 + 1);
     startIoc();
     testBeforeInit();
     eltc(0); /* no messages of full queues */

@@ -69,6 +69,10 @@ IOSCANPVT plcScanJoin(plcScan *scan, size_t offset, size_t length, int prio, int
  * queue is full, what could not be queued is tried again, soon and on its own. */
 int plcScanRequestAll(plcScan *scan);
 
+/* A callback could not be queued and is asked for again: says so, once while the process lives. No lock
+ * is held. */
+void plcScanQueueFull(void);
+
 /* Asks for a pass over the groups whose bytes differ between the two blocks of blockSize
  * bytes; with one group only, always that one. Returns as plcScanRequestAll. */
 int plcScanRequestChanged(plcScan *scan, const void *before, const void *after);

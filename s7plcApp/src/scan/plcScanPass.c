@@ -17,6 +17,7 @@
 #include <epicsAtomic.h>
 #include <epicsThread.h>
 #include <epicsTime.h>
+#include <errlog.h>
 
 #include "plcHot.h"
 #include "plcScanPvt.h"
@@ -168,6 +169,15 @@ void plcScanFreeTimer(plcScan *scan)
         epicsTimerQueueDestroyTimer(timers, scan->again);
 }
 
+PLC_COLD void plcScanQueueFull(void)
+{
+    static int told;
+
+    if (epicsAtomicCmpAndSwapIntT(&told, 0, 1) == 0)
+        errlogSevPrintf(errlogMinor, "s7plc: a callback queue of the IOC is full: records process a little "
+                        "later, none is lost. callbackSetQueueSize before iocInit makes it longer\n");
+}
+
 /* These priorities could not be queued: they wait for the next request, or the timer. */
 PLC_COLD static void putBack(plcScan *scan, unsigned prios)
 {
@@ -194,6 +204,7 @@ PLC_COLD static void putBack(plcScan *scan, unsigned prios)
     if (scan->remaining == 0)
         scan->busy = 0;
     epicsMutexUnlock(scan->lock);
+    plcScanQueueFull();
     askAgain(scan);
 }
 

@@ -200,6 +200,7 @@ static void tellThrough(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     if (epicsAtomicCmpAndSwapIntT(&s->telling, 0, 1) == 0 &&
         callbackRequest(&s->throughCallback)) {
         epicsAtomicSetIntT(&s->telling, 0);
+        plcScanQueueFull();
         plcEarlier(wake, now + plcMsToNs(ASK_AGAIN_MS));
         return;
     }

@@ -33,6 +33,7 @@ static void askFollow(plcStation *s)
         return;
     if (callbackRequest(&s->followCallback)) {
         epicsAtomicSetIntT(&s->following, 0);
+        plcScanQueueFull();
         s->followAgain = epicsMonotonicGet() + plcMsToNs(AGAIN_MS);
     }
 }
