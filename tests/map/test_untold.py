@@ -81,3 +81,76 @@ def test_code_page_lacks_a_byte(tmp_path):
                                      forms.asc("B", "MW 20", "INT").replace(b"B  ", b"B\x81 "))
     result = plcmap("import", tmp_path / "x.asc")
     assert result.status == 1 and "x.asc:2: not cp1252: byte 0x81 at 1; --encoding says another" in result.err
+
+
+# --- addresses and types that do not fit each other -------------------------------------------
+
+MISFITS = [("DB10.DBW58", "Analog", "REAL has 4 bytes: write DB10.DBD58"), ("EW20", "Analog", "REAL has 4 bytes: write ID20"),
+           ("DB10.DBW60", "Digital", "a BOOL needs a bit, such as DB10.DBX4.3 or M4.3"),
+           ("M4.3", "Analog", "only a BOOL lies in a single bit, not REAL")]
+
+
+@pytest.mark.parametrize("address, kind, text", MISFITS, ids=[" ".join(m[:2]) for m in MISFITS])
+def test_width_in_a_list(tmp_path, address, kind, text):
+    """{id}: type and address differ: the row is left out with the line that a map by hand gets, nothing is rewritten"""
+    result = listed(tmp_path, signal("A", address, kind), signal("B", "DB10.DBD0"))
+    assert "l.csv [l.csv] A2: warning: plc: T.A at " in result.err and text in result.err
+    assert [(r["symbol"], r["plc"]) for r in rows(tmp_path / "m")] == [("T.B", "DB10.DBD0")]
+    (tmp_path / "h").mkdir()
+    type_ = {"Analog": "REAL", "Digital": "BOOL"}[kind]
+    (tmp_path / "h" / "map.csv").write_text("symbol,plc,type,tx,pv\nA,%s,%s,%d,A\n" % (address, type_, 4))
+    assert text in plcmap("check", tmp_path / "h").err
+
+
+def test_width_in_tables(tmp_path):
+    """A symbol table and a tag table with an address of another width than the type: left out, with the place"""
+    (tmp_path / "x.asc").write_bytes(forms.asc("A", "MW 24", "REAL") + b"\r\n" + forms.asc("B", "MW 20", "INT"))
+    result = plcmap("import", tmp_path / "x.asc")
+    assert "x.asc:1: warning: plc: A at MW24: REAL has 4 bytes: write MD24: left out" in result.err
+    assert "B MW20 INT" in result.out and "A M" not in result.out
+    book = workbook(tmp_path / "t.xlsx", Tags=[["Name", "Data Type", "Logical Address"], ["A", "Int", "%MD20"], ["L", "LReal", "%MW40"],
+                                               ["B", "Int", "%MW20"]])
+    result = plcmap("import", book)
+    assert "t.xlsx [Tags] A2: warning: plc: A at MD20: INT has 2 bytes: write MW20: left out" in result.err
+    assert "L at MW40: LREAL has 8 bytes: write MB40: left out" in result.err
+    assert "B MW20 INT" in result.out and "A M" not in result.out
+
+
+def test_tags_like_addresses(tmp_path):
+    """A Rockwell tag that is called like an S7 address stays that tag"""
+    (tmp_path / "r.csv").write_text(forms.ROCKWELL_CSV.replace("Start", "IW20"))
+    assert "IW20 IW20 BOOL" in plcmap("import", tmp_path / "r.csv").out
+
+
+# --- type sheets -----------------------------------------------------------------------------------
+
+TYPES = "form = types\ntypes = address type name desc\ndirection.plc -> epics = in\n"
+FIELDS = [(["DBD2", "REEL", "A"], 'VALVE_in.A: unknown type "REEL" (did you mean REAL?); allowed: blank (that of the address), BOOL'),
+          (["DBW2", "INTEGER", "A"], 'unknown type "INTEGER"'), (["DBW2", "REAL", "A"], "REAL has 4 bytes: write DBD2"),
+          (["DBW2", "LREAL", "A"], "LREAL has 8 bytes: write DBB2"), (["DBD2", "INT", "A"], "INT has 2 bytes: write DBW2"),
+          (["DBX2.9", "BOOL", "A"], '"DBX2.9" is no address in a type; allowed: such as DBX0.3 DBB1 DBW2 DBD4'),
+          (["DBX2", "BOOL", "A"], '"DBX2" is no address in a type'), (["DBW2.1", "INT", "A"], '"DBW2.1" is no address in a type'),
+          (["DBW2", "BOOL", "A"], "BOOL does not lie at DBW2")]
+
+
+@pytest.mark.parametrize("field, text", FIELDS, ids=[" ".join(f[0][:2]) for f in FIELDS])
+def test_field_of_a_type(tmp_path, field, text):
+    """{id} in a type sheet is refused with its cell, and nothing is written"""
+    (tmp_path / "d.txt").write_text(TYPES)
+    book = workbook(tmp_path / "t.xlsx", T=[['Type "VALVE" PLC -> EPICS'], ["DBW0", "INT", "Z"], field])
+    result = plcmap("import", book, "--columns", tmp_path / "d.txt", "--types", "--into", tmp_path / "m")
+    assert result.status == 1 and "t.xlsx [T] A3: " in result.err and text in result.err, result.err
+    assert not (tmp_path / "m").exists()
+
+
+def test_gap_in_a_type(tmp_path):
+    """Fields behind five blank rows are refused with their cell; four are as before"""
+    (tmp_path / "d.txt").write_text(TYPES)
+    for gap in (4, 5):
+        book = workbook(tmp_path / "t.xlsx", T=[['Type "VALVE" PLC -> EPICS'], ["DBW0", "", "Z"], *[[None, None, None, "reserve"]] * gap,
+                                                ["DBW20", "INT", "E"]])
+        result = plcmap("import", book, "--columns", tmp_path / "d.txt", "--types", "--into", tmp_path / str(gap))
+        assert result.status == (gap == 5), result.err
+    assert "t.xlsx [T] A8: VALVE_in: DBW20 stands behind 5 rows without an address, which end a type; allowed: up to 4" in result.err
+    types = (tmp_path / "4" / "types.csv").read_text()
+    assert "Z,WORD" in types and "E,INT" in types

@@ -2,6 +2,8 @@
 Pure."""
 import re
 
+from .types import Elementary
+
 AREAS = {"DB": 0x84, "M": 0x83, "I": 0x81, "Q": 0x82}
 WIDTHS = {"X": 1, "B": 1, "W": 2, "D": 4}
 MAX_DB = 65535
@@ -81,6 +83,19 @@ def parse_address(text):
         raise AddressProblem('"%s" is no address; allowed: DB10.DBX4.3 DB10.DBB4 DB10.DBW4 '
                              'DB10.DBD4 M4.3 MB4 MW4 MD4, I and Q likewise, or a symbol' % text)
     return Address(symbol=symbol)
+
+
+def misfit(kind, address):
+    """Why a value of this type cannot lie there, or None. DBX for bits, DBW for two bytes, ...;
+    eight bytes begin at a DBB; what begins a text, array or structure is free."""
+    if isinstance(kind, Elementary) and kind.kind == "bool":
+        return "a BOOL needs a bit, such as DB10.DBX4.3 or M4.3" if address.bit is None else None
+    if address.bit:
+        return "only a BOOL lies in a single bit, not %s" % kind
+    if isinstance(kind, Elementary) and address.bit is None and \
+            address.width != (kind.size if kind.size in (1, 2, 4) else 1):
+        return "%s has %d bytes: write %s" % (kind, kind.size, address.text(kind.size))
+    return None
 
 
 def _made(area, db, letter, byte, bit, text):

@@ -3,6 +3,7 @@ told, not the first alone. What a cell must be by itself is checked where it is 
 import re
 
 from . import columns, tags
+from .address import misfit
 from .problems import Place
 from .shown import ASCII_PV
 from .transfer import MAX_ROW, method, same_source
@@ -272,7 +273,9 @@ def _check_memory(map_):
             _error(map_, item, "plc", "%s is a place in an S7; allowed with family=codesys: the name "
                    "of a variable" % item.row.get("plc"))
             continue
-        _check_width(map_, item, a)
+        problem = misfit(item.type, a)
+        if problem:
+            _error(map_, item, "plc", problem)
         if a.area == "DB" and a.db in ours:
             _error(map_, item, "plc", "DB%d is %s, which the program itself uses; allowed: "
                    "another block, or another number for the key %s" % (a.db, ours[a.db], ours[a.db]))
@@ -333,19 +336,6 @@ def _check_tags(map_):
             tags.add(root, leaf)
         except tags.TagProblem as e:
             _error(map_, leaf.owner, column, str(e))
-
-
-def _check_width(map_, item, a):
-    """DBX for bits, DBW for two bytes, ...; what begins a text, array or structure is free."""
-    is_bool = isinstance(item.type, Elementary) and item.type.kind == "bool"
-    if is_bool and a.bit is None:
-        _error(map_, item, "plc", "a BOOL needs a bit, such as DB10.DBX4.3 or M4.3")
-    elif not is_bool and a.bit:
-        _error(map_, item, "plc", "only a BOOL lies in a single bit, not %s" % item.type)
-    elif isinstance(item.type, Elementary) and not is_bool and a.bit is None and \
-            item.type.size in (1, 2, 4) and a.width != item.type.size:
-        _error(map_, item, "plc", "%s has %d bytes: write %s" % (
-            item.type, item.type.size, a.text(item.type.size)))
 
 
 def _check_via(map_):

@@ -7,7 +7,7 @@ from . import VERSION
 from .check import check
 from .files import is_workbook, load, load_sheets, save
 from .problems import Place, Refused, Report
-from .sheets import number
+from .sheets import check_encoding, number
 
 OK, WRONG, USAGE, BROKEN = 0, 1, 2, 3
 
@@ -208,6 +208,8 @@ def main(argv=None):
         parser.print_help()
         return USAGE
     try:
+        if args.encoding is not None:
+            check_encoding(args.encoding)
         return args.function(args)
     except Refused as e:
         print("plcmap: %s" % e, file=sys.stderr)

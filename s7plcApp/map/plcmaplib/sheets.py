@@ -3,6 +3,7 @@
 Knows nothing of maps. A folder of CSV files and a workbook (workbook.py) give the same
 Sheet objects.
 """
+import codecs
 import csv
 import io
 import os
@@ -83,18 +84,27 @@ def read_bytes(path):
 _MARKS = (b"\xef\xbb\xbf", b"\xff\xfe", b"\xfe\xff")
 
 
+def check_encoding(encoding):
+    """Refused where it is none of text in files, before any file is read."""
+    try:
+        if "a,b\n".encode(encoding).decode(encoding) == "a,b\n" and \
+                codecs.lookup(encoding).name not in ("punycode", "idna"):  # for names of hosts
+            return
+    except (LookupError, ValueError):
+        pass
+    raise Refused('"%s" is no encoding; allowed: such as utf-8 cp1252 cp1251 utf-16'
+                  % repr(encoding)[1:-1])
+
+
 def decoded(data, encoding, place):
     """Text of bytes in that encoding; Refused where they are none."""
     try:
         return data.decode(encoding)
-    except LookupError:
-        raise Refused('"%s" is no encoding; allowed: such as utf-8 cp1252 cp1251 utf-16'
-                      % encoding) from None
     except UnicodeDecodeError as e:
         raise Refused("not %s: byte 0x%02X at %d; --encoding says another"
                       % (encoding, data[e.start], e.start), place) from None
-    except ValueError as e:  # of the few that are for other things than files
-        raise Refused("not %s: %s" % (repr(encoding)[1:-1], str(e)[:80]), place) from None
+    except UnicodeError as e:
+        raise Refused("not %s: %s" % (encoding, str(e)[:80]), place) from None
 
 
 def decode(data, path, report=None, encoding=None):

@@ -4,7 +4,7 @@ import fnmatch
 import re
 
 from .. import columns
-from ..address import parse_address, AddressProblem
+from ..address import AddressProblem, misfit, parse_address
 from ..problems import Place, Refused
 from ..types import (Array, Elementary, Layout, Named, Struct, Text, TypeProblem, is_struct)
 
@@ -132,13 +132,18 @@ def _rows_of_item(item, kind, types, blocks, keep_types, report, source):
             if m:
                 symbol = "DB%d" % number
     address = None
-    if plc != symbol or re.match(r"^%?(DB\d|[IQM][BWDX]?\d)", plc):
+    named = source.keys.get("family") in ("codesys", "none")  # MW1 is a tag there
+    if plc != symbol or not named and re.match(r"^%?(DB\d|[IQM][BWDX]?\d)", plc):
         try:
             address = parse_address(plc)
         except AddressProblem:
             address = None
     if address is not None and not address.area:
         address = None
+    problem = misfit(kind, address) if address is not None else None
+    if problem:  # what the export says twice is not the same: which is right?
+        report.warning(item.place, "plc", "%s at %s: %s: left out" % (symbol, plc, problem))
+        return []
     made = []
     _expand(made, types, kind, symbol, plc, address, 0, None, item.desc, item.place, keep_types,
             report, top=True)

@@ -6,9 +6,10 @@ with addresses relative to the instance. docs/map.md has both in full.
 """
 import re
 
+from ..address import WIDTHS, Address, misfit
 from ..problems import Place, Refused, nearest
 from ..sheets import clean
-from ..types import ELEMENTARY
+from ..types import ELEMENTARY, VISIBLE
 from .common import Source, known_type, siemens_address
 
 LIST_KEYS = ["symbol", "plc", "type", "dir", "pv", "desc", "egu", "prec", "lopr", "hopr", "lolo",
@@ -156,37 +157,53 @@ def _direction(texts, words):
     return ""
 
 
+def _field_type(text, place):
+    """(type, None), or (None, what is wrong) of a field's type and its address."""
+    letter, byte, bit = place.group(1).upper(), int(place.group(2)), place.group(3)
+    if (letter == "X") != (bit is not None) or int(bit or 0) > 7:
+        return None, '"%s" is no address in a type; allowed: such as DBX0.3 DBB1 DBW2 DBD4' \
+            % place.group(0)
+    kind = known_type(text) if text else ELEMENTARY[_BY_WIDTH[letter]]
+    if kind is None:
+        return None, 'unknown type "%s"%s; allowed: blank (that of the address), %s' % (
+            text, nearest(text, VISIBLE), " ".join(VISIBLE))
+    if (kind == ELEMENTARY["BOOL"]) != (letter == "X"):
+        return None, "%s does not lie at %s" % (kind, place.group(0))
+    problem = misfit(kind, Address("DB", 0, byte, int(bit) if bit else None, WIDTHS[letter]))
+    return kind, problem and problem.replace("DB0.", "")
+
+
 def _type_fields(grid, line, end, column, order, place, typename, report, path, tab):
     fields, blanks, names = [], 0, set()
     for number in range(line + 1, end):
         texts = grid.get(number, [])
         cells = dict(zip(order, (texts + [""] * (column + len(order)))[column:column + len(order)]))
+        here = Place(path, number, column + 1, tab)
         m = _PLACE.match(cells.get("address", ""))
+        if m and blanks > GAP:
+            report.error(here, None, "%s: %s stands behind %d rows without an address, which end a "
+                         "type; allowed: up to %d" % (typename, m.group(0), blanks, GAP))
+            break
         if not m:
             blanks += 1
-            if any(cells.values()) and fields and blanks <= GAP:
-                report.warning(Place(path, number, column + 1, tab), None, '"%s" is no address '
-                               "in a type: left out" % cells.get("address", "")[:30])
-            if blanks > GAP:
-                break
+            text = cells.get("address", "")
+            if any(cells.values()) and blanks <= GAP and (fields or text.upper().startswith("DB")):
+                report.warning(here, None, '"%s" is no address in a type: left out' % text[:30])
             continue
         blanks = 0
-        here = Place(path, number, column + 1, tab)
-        kind = known_type(cells.get("type", "")) or ELEMENTARY[_BY_WIDTH[m.group(1).upper()]]
-        is_bit = kind == ELEMENTARY["BOOL"]
-        if is_bit != (m.group(1).upper() == "X"):
-            report.error(here, None, "%s.%s: %s does not lie at %s" % (
-                typename, cells.get("name", ""), kind, cells["address"]))
-            continue
         name = cells.get("name", "")
         if not name:
             continue  # a spare bit
+        kind, problem = _field_type(cells.get("type", ""), m)
+        if problem:
+            report.error(here, None, "%s.%s: %s" % (typename, name, problem))
+            continue
         if name.upper() in names:
             report.error(here, None, "%s.%s is there twice" % (typename, name))
             continue
         names.add(name.upper())
         fields.append((name, kind, cells.get("desc", ""),
-                       (int(m.group(2)), int(m.group(3) or 0) if is_bit else None), number))
+                       (int(m.group(2)), int(m.group(3)) if m.group(1).upper() == "X" else None), number))
     if not fields:
         report.warning(place, None, "type %s has no rows that are understood" % typename)
     return fields
