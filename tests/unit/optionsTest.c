@@ -289,6 +289,16 @@ static void testTexts(void)
     plcOptionsSet(&options, "ownPlace", "x", 0, error, sizeof(error));
     testOk(strcmp(error, "option ownPlace=x; allowed: off, or register 0 to 65535") == 0,
            "a register says its range: %s", error);
+    {
+        char many[1001];
+
+        memset(many, 'x', sizeof(many) - 1);
+        many[sizeof(many) - 1] = 0;
+        plcOptionsSet(&options, "scan", many, 0, error, sizeof(error));
+        testOk(strstr(error, "xxx; allowed: all|changed") != NULL, "behind a long value, too");
+        plcOptionsSet(&options, many, "1", 0, error, sizeof(error));
+        testOk(strstr(error, "xxx\"; allowed: recvTimeout") != NULL, "and behind a long key");
+    }
     plcOptionsSet(&options, "hartbeat", "1", 0, error, sizeof(error));
     testOk(strstr(error, "\"hartbeat\"") && strstr(error, " heartbeat") &&
                strstr(error, " connectTimeout"),
@@ -401,7 +411,7 @@ MAIN(optionsTest)
 {
     size_t i;
 
-    testPlan((int)(sizeof(rows) / sizeof(rows[0]) + sizeof(idle) / sizeof(idle[0])) + 20);
+    testPlan((int)(sizeof(rows) / sizeof(rows[0]) + sizeof(idle) / sizeof(idle[0])) + 22);
     phoenixPairInit();
 #ifdef WITH_MODBUS
     plcOptionsAdd(&plcModbusOptionTable);

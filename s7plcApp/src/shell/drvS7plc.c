@@ -154,7 +154,7 @@ static plcStation *needStation(const char *command, const char *name)
 
     if (!station) {
         plcStationNames(names, sizeof(names));
-        fprintf(stderr, "%s: no PLC \"%s\"; configured: %s\n", command, name ? name : "",
+        fprintf(stderr, "%s: no PLC \"%.60s\"; configured: %s\n", command, name ? name : "",
                 names[0] ? names : "none");
         iocshSetError(-1);
     }
@@ -227,7 +227,7 @@ static void reportCall(const iocshArgBuf *args)
     plcStation *station;
 
     if (args[1].sval && (epicsParseInt32(args[1].sval, &r.level, 0, NULL) || r.level < 0))
-        iocshSetError(fprintf(stderr, "s7plcReport: level \"%s\"; allowed: 0 to 3\n",
+        iocshSetError(fprintf(stderr, "s7plcReport: level \"%.40s\"; allowed: 0 to 3\n",
                               args[1].sval));
     else if (!args[0].sval)
         reportAll(&r);
@@ -262,7 +262,7 @@ static void showCall(const iocshArgBuf *args)
         plcShow(station, "out", stdout);
     } else if (plcShow(station, what, stdout)) {
         iocshSetError(
-            fprintf(stderr, "s7plcShow: \"%s\"; allowed: in, out, records\n", what));
+            fprintf(stderr, "s7plcShow: \"%.60s\"; allowed: in, out, records\n", what));
     }
 }
 
@@ -292,7 +292,7 @@ static int takeTable(plcStation *station, const char *name, const char *path)
     char error[300];
 
     if (!file)
-        return fprintf(stderr, "s7plcTables %s: cannot read \"%s\": %s\n", name,
+        return fprintf(stderr, "s7plcTables %s: cannot read \"%.200s\": %s\n", name,
                        path ? path : "", path ? strerror(errno) : "no file given");
     table = plcPointersRead(file, error, sizeof(error));
     fclose(file);

@@ -329,7 +329,7 @@ int plcOptionsSet(plcOptions *o, const char *key, const char *value, int running
     int used;
 
     if (!row) {
-        used = epicsSnprintf(error, size, "there is no option \"%s\"; allowed:", key);
+        used = epicsSnprintf(error, size, "there is no option \"%.40s\"; allowed:", key);
         EACH_ROW(table, row)
             if (used > 0 && (size_t)used < size)
                 used += epicsSnprintf(error + used, size - used, " %s", row->key);
@@ -341,7 +341,7 @@ int plcOptionsSet(plcOptions *o, const char *key, const char *value, int running
     }
     if (set[row->kind](row, ownOf(o, table), value)) {
         describe(row, allowed, sizeof(allowed));
-        epicsSnprintf(error, size, "option %s=%s; allowed: %s%s", row->key, value, allowed,
+        epicsSnprintf(error, size, "option %s=%.60s; allowed: %s%s", row->key, value, allowed,
                       row->kind == plcOptWhole && value[strspn(value, "+-0123456789")]
                           ? ", a whole number" : "");
         return -1;
