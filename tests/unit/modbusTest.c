@@ -682,7 +682,7 @@ static void testRefusedRange(void)
 
     plcOneRule(p, 3, 60, 60, refuses, 2);
     start(w, NULL, NULL);
-    UNTIL(w, w->all.blocks);
+    UNTIL(w, w->all.blocks && w->log[0]);
     testOk(w->all.inFaults && strcmp(fault(w->inFaults, 100, 100),
                                      "PLC: exception 2, illegal data address") == 0,
            "the refused range is faulty: %s", fault(w->inFaults, 100, 100));
