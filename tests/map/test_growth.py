@@ -122,9 +122,10 @@ def test_grown_inside(tmp_path):
     assert result.status == 1
     assert "at: byte 14 of AXIS is taken by Brake; if VALVE has grown: `plcmap place --grow`" in result.err
     before = (folder / "types.csv").read_bytes()
-    result = plcmap("place", folder, "--grow", "-n")
-    assert result.status == 0 and (folder / "types.csv").read_bytes() == before
+    told = plcmap("place", folder, "--grow", "-n")
+    assert told.status == 0 and (folder / "types.csv").read_bytes() == before
     result = plcmap("place", folder, "--grow")
     assert "AXIS.Name at 18, was 14: Brake has grown" in result.out, result.out
+    assert told.out == result.out
     assert {r["symbol"]: r["tx"] for r in read(folder)}["N"] == "76"
     assert plcmap("check", folder).status == 0

@@ -39,6 +39,8 @@ def test_table(tmp_path, form):
     if form == "seq":  # has no types
         want["Speed"] = ("MW10", "WORD", "speed")
     assert found == want, result.out + result.err
+    if forms.FORMS[form].find(b"Clock") >= 0:  # with a block and a timer
+        assert ", 2 rows are no memory" in result.out, result.out
 
 
 def test_workbook_of_tags(tmp_path):

@@ -272,15 +272,18 @@ def test_switched(new_sim, new_ioc):
     sim = new_sim("name = PLC\nin = 32\nout = 16\nbyteorder = big\nperiod = 100 ms\nrole = pair\n"
                   "address = 127.0.0.2\nswitchover = 300 ms\nsignal 0 UINT32 counter\n")
     configure = f'phoenixplcConfigure(PLC, "127.0.0.2", {sim.port}, 32, 16, 1, 5000, 100, 1)'
-    ioc = new_ioc(configure, "", program="phoenixIoc",
+    ioc = new_ioc(configure, 'record(longin, "$(P)leader") { field(DTYP, "S7plc stats") field(INP, "@PLC/leader") '
+                             'field(SCAN, "I/O Intr") }', program="phoenixIoc",
                   templates=[(f, "P=$(P),PLC=PLC") for f in ("phoenixplcStatus.db",
                                                              "s7plcStation.db")])
     ioc.wait_value("Pair", 1)
+    ioc.wait_value("leader", 0)
     assert ioc.text("AddressFirst") == f"127.0.0.2:{sim.port}"
     assert ioc.text("AddressSecond") == f"127.0.0.3:{sim.port}"
     sim.command("switchover")
     ioc.wait_value("Pair", 5)
     assert ioc.text("PRIMARY") == ioc.text("Primary") == "SECOND"
+    ioc.wait_value("leader", 1)
     ioc.process_record("SwitchSeen")
     ioc.wait_value("Pair", 2)
     ioc.wait_alarm("Pair", "NO_ALARM")
@@ -293,3 +296,4 @@ def test_switched(new_sim, new_ioc):
         sim.command(f"{half} unplug")
     ioc.wait_alarm("Pair", "MAJOR")
     assert ioc.text("Pair") == "no PRIMARY"
+    ioc.wait_value("leader", -1)

@@ -150,18 +150,31 @@ def test_sync(new_sim, new_ioc):
         s7plcSetOption PLC sync on
         s7plcSetOption PLC layout 7''', "".join(
         f'record(lsi, "$(P){name}") {{ field(DTYP, "S7plc stats") field(INP, "@PLC/{name}") field(SIZV, "200") }}\n'
-        for name in SYNC) + 'record(longout, "$(P)out") { field(DTYP, "S7plc") field(OUT, "@PLC/4 T=INT32 R=4") }\n')
+        for name in (*SYNC, "setpoints")) + 'record(longout, "$(P)out") { field(DTYP, "S7plc") field(OUT, "@PLC/4 T=INT32 R=4") }\n')
     now = Statistics(ioc)
 
     def are(**wanted):
         for name, value in wanted.items():
             until_equal(lambda n=name: now.text(n), str(value))
-    are(syncState=3, syncText="synced", remote=1, syncs=1, syncsLost=0, layoutPlc=7, layoutMismatches=0, readbacks=1)
+    are(syncState=3, syncText="synced", remote=1, syncs=1, syncsLost=0, layoutPlc=7, layoutMismatches=0, readbacks=1,
+        setpoints=1)
     until(lambda: float(now.text("syncTime")) > 0)
     sim.command("local")
-    are(syncState=4, syncText="LOCAL", remote=0, syncs=1, syncsLost=1)
+    are(syncState=4, syncText="LOCAL", remote=0, syncs=1, syncsLost=1, setpoints=3)
     sim.command("remote")
     are(syncState=3, syncText="synced", remote=1, syncs=2)
     sim.command("set DB10.DBD0 9")
     are(syncs=3, syncsLost=2, readbacks=2)
     assert ioc.get("out") == 9
+    sim.command("refuse sync")
+    are(syncState=2, setpoints=2)
+
+
+@pytest.mark.parametrize("size, option, wanted", [(0, "heartbeat 0", 6), (16, "layout 8", 4)], ids=["no output", "another layout"])
+def test_setpoints(new_sim, new_ioc, size, option, wanted):
+    """what becomes of puts where there is {id}: setpoints is what the table says"""
+    sim = new_sim("sync = on\nlayout = 7\nin = 16\nout = 16\nperiod = 50 ms\n")
+    ioc = new_ioc(f's7plcConfigure("PLC", "127.0.0.1", {sim.port}, 16, {size}, 1, 30000, 20)\n' +
+                  ("s7plcSetOption PLC sync on\n" if size else "") + f"s7plcSetOption PLC {option}",
+                  'record(longin, "$(P)it") { field(DTYP, "S7plc stats") field(INP, "@PLC/setpoints") field(SCAN, "I/O Intr") }')
+    ioc.wait_value("it", wanted)

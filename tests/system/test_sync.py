@@ -171,6 +171,8 @@ def test_put(pair_of):
         assert ioc.text(f"Sync{name}.NAME") == ioc.text(f"Sync:{name}.NAME"), name
     assert ioc.text("Sync:Remote") == "REMOTE" and ioc.get("Sync:Readbacks") > 0
     assert "sync: waiting -> checking" in ioc.log and "sync: checking -> synced" in ioc.log
+    before = ioc.get("Sync:Time")
+    until(lambda: ioc.get("Sync:Time") > before)
 
 
 def test_put_while_checking(pair_of):
@@ -356,6 +358,13 @@ def test_watchdog(new_plc, new_ioc):
     until_equal(lambda: flags(sim), "SYNC")
     wait_values(ioc, Speed=55)
     assert speed(sim) == 55
+
+
+def test_short_watchdog(new_plc, new_ioc):
+    """a watchdog of the PLC that is shorter than the heartbeat lets SYNC fall again and again"""
+    sim = new_plc(PLC, "-o", "watchdog=200 ms")
+    ioc = new_ioc(configure(sim.port), database())
+    until(lambda: ioc.get("Sync:Lost") >= 3, "SYNC falls three times")
 
 
 def test_heartbeat(new_plc, new_ioc):
