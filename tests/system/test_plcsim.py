@@ -700,9 +700,8 @@ def test_deaf_stdout(tmp_path, connect, closing):
     closing(sim.stdout)
     try:
         port = int(re.search(r":(\d+)$", sim.stdout.readline())[1])
-        until(path.exists)
         with socket.socket(socket.AF_UNIX) as console:
-            console.connect(str(path))
+            until(lambda: console.connect_ex(str(path)) == 0, "a console that listens")
             answers = console.makefile("r")
             for _ in range(3000):  # far more than a pipe holds
                 console.sendall(b"silence on\nsilence off\n")
