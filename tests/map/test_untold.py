@@ -154,3 +154,99 @@ def test_gap_in_a_type(tmp_path):
     assert "t.xlsx [T] A8: VALVE_in: DBW20 stands behind 5 rows without an address, which end a type; allowed: up to 4" in result.err
     types = (tmp_path / "4" / "types.csv").read_text()
     assert "Z,WORD" in types and "E,INT" in types
+
+
+# --- sheets ------------------------------------------------------------------------------------------
+
+TAGS = ["Name", "Path", "Data Type", "Logical Address", "Comment"]
+
+
+def test_two_sheets_of_tags(tmp_path):
+    """A workbook with two tables of tags: both are imported; a row without a name is left out"""
+    book = workbook(tmp_path / "t.xlsx", **{"PLC Tags": [TAGS, ["A", "T", "Real", "%MD10"], ["", "T", "Int", "%MW50"]],
+                                            "Constants": [["Name", "Value"]], "PLC Tags 2": [TAGS, ["B", "T", "Int", "%MW80"]]})
+    result = plcmap("import", book, "--into", tmp_path / "m")
+    assert "(.xlsx: PLC Tags, PLC Tags 2), 2 values" in result.out
+    assert "t.xlsx [PLC Tags] A3: warning: %MW50 Int has no name: left out" in result.err
+    assert [r["symbol"] for r in rows(tmp_path / "m")] == ["A", "B"]
+
+
+def test_column_twice(tmp_path):
+    """A column that is read and stands there twice is refused, in a list and in a table of tags"""
+    result = listed(tmp_path, signal("A", "DB10.DBD0") + ["other"], head=HEAD + ["Description"])
+    assert result.status == 1 and not (tmp_path / "m").exists()
+    assert "l.csv [l.csv] H1: Description: the column is there twice, first as column F; allowed: each once" in result.err
+    result = plcmap("import", workbook(tmp_path / "t.xlsx", T=[TAGS + ["Comment"], ["A", "T", "Int", "%MW10", "a", "b"]]))
+    assert result.status == 1 and "t.xlsx [T] F1: Comment: the column is there twice, first as column E" in result.err
+
+
+def test_column_missing(tmp_path):
+    """A column of the description that the sheet has not is refused, with the nearest one; so is a sheet"""
+    for words, text in ((LIST.replace("egu = Unit", "egu = Units"), 'l.csv [l.csv] A1: egu: the sheet has no column "Units" (did you mean Unit?); it has: Area, Sig'),
+                        (LIST.replace("{Area}.", "{Aera}."), 'symbol: the sheet has no column "Aera" (did you mean Area?)'),
+                        (LIST + "sheets = Signals\n", 'l.csv: sheets: "Signals" is not there; it has: l.csv')):
+        result = listed(tmp_path, signal("A", "DB10.DBD0"), words=words)
+        assert result.status == 1 and text in result.err, result.err
+        assert not (tmp_path / "m").exists()
+
+
+def test_part_of_a_name_is_blank(tmp_path):
+    """A row whose symbol would lack a part is left out, with the column: ".B" is no name"""
+    result = listed(tmp_path, signal("A", "DB10.DBD0"), signal("B", "DB10.DBD4", area=""), signal("", "DB10.DBD8"))
+    assert 'l.csv [l.csv] A3: warning: symbol: the column "Area" is blank: left out' in result.err
+    assert 'l.csv [l.csv] A4: warning: symbol: the column "Signal" is blank: left out' in result.err
+    assert [r["symbol"] for r in rows(tmp_path / "m")] == ["T.A"]
+
+
+def test_cells_without_a_value(tmp_path):
+    """Merged cells and formulas that were never calculated: their rows are left out, with the cell"""
+    openpyxl = pytest.importorskip("openpyxl")
+    book = workbook(tmp_path / "l.xlsx", S=[HEAD, *[signal("ABCDE"[i], "DB10.DBD%d" % (4 * i)) for i in range(5)]])
+    work = openpyxl.load_workbook(book)
+    work["S"].merge_cells("A2:A3")
+    work["S"]["C4"] = '="DB10.DBD"&(4+4)'
+    work["S"]["J5"] = "=1+1"  # a column that is not read
+    work.save(book)
+    (tmp_path / "d.txt").write_text(LIST)
+    result = plcmap("import", book, "--columns", tmp_path / "d.txt", "--into", tmp_path / "m")
+    assert "l.xlsx [S] A3: warning: merged cells A2:A3: only the first one has the value: the row is left out" in result.err
+    assert "l.xlsx [S] C4: warning: the formula =\"DB10.DBD\"&(4+4) was never calculated: open the file and save it: the row" in result.err
+    assert "J5" not in result.err
+    assert [r["symbol"] for r in rows(tmp_path / "m")] == ["T.A", "T.D", "T.E"]
+
+
+# --- names and descriptions ---------------------------------------------------------------------
+
+def test_no_letters_for_a_record(tmp_path):
+    """A symbol whose letters no record name can have: no record is made of the rest; a line says which symbol"""
+    names = {"\u0423\u0440\u043e\u0432\u0435\u043d\u044c": "", "\u041d\u0430\u0441\u043e\u0441_1": "", "\u6e29\u5ea6.Level": "",
+             "F\u00fcll stand": "F_ll_stand", "7": "7"}
+    tags = [[name, "Int", "%%MW%d" % (2 * i)] for i, name in enumerate(names)]
+    book = workbook(tmp_path / "t.xlsx", T=[["Name", "Data Type", "Logical Address"], *tags])
+    result = plcmap("import", book, "--into", tmp_path / "m")
+    assert {r["symbol"]: r["pv"] for r in rows(tmp_path / "m")} == names
+    told = [line for line in result.lines if "no record name is made of its letters; it gets no record before column pv" in line]
+    assert len(told) == 3 and told[1].startswith("%s [T] A3: warning: pv: \u041d\u0430\u0441\u043e\u0441_1: " % book)
+    plcmap("import", book, "--into", tmp_path / "n", "--pv", "none")
+    assert not any(r["pv"] for r in rows(tmp_path / "n"))
+
+
+def test_long_descriptions(tmp_path):
+    """Descriptions that DESC cannot hold are cut; a line says how many, and of which rows"""
+    texts = ["x" * 40, "y" * 41, "z  " + "\u00e4" * 20]
+    result = listed(tmp_path, *[signal("ABC"[i], "DB10.DBD%d" % (4 * i), desc=text) for i, text in enumerate(texts)])
+    assert "warning: desc: 2 descriptions are longer than 40 bytes and are cut: T.B T.C" in result.err
+    assert [r["desc"] for r in rows(tmp_path / "m")] == ["x" * 40, "y" * 40, "z " + "\u00e4" * 19]
+
+
+def test_symbol_twice(tmp_path):
+    """A symbol that a list has twice: the first row counts in all its columns"""
+    result = listed(tmp_path, signal("A", "DB10.DBD0", unit="C"), signal("A", "DB10.DBD4", unit="m"))
+    assert 'l.csv [l.csv] A3: warning: "T.A" is there twice with another place or type' in result.err
+    assert rows(tmp_path / "m")[0]["egu"] == "C"
+
+
+def test_row_without_a_symbol(tmp_path):
+    """A row with an address and no symbol is left out, and told"""
+    result = listed(tmp_path, ["", "", "DB10.DBD8", "", "", "", ""], signal("A", "DB10.DBD0"))
+    assert "l.csv [l.csv] A2: warning: symbol: it is blank: left out" in result.err

@@ -112,8 +112,11 @@ def cmd_convert(args):
 def cmd_import(args):
     from .imports import run_import
     report = Report()
-    lines = run_import(args, report)
-    _print(lines)
+    try:
+        _print(run_import(args, report))
+    except Refused:
+        _told(report)
+        raise
     return OK if _told(report) else WRONG
 
 

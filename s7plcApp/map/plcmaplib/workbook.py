@@ -50,22 +50,31 @@ def sheet_names(path):
     return _load(path, read_only=False).sheetnames
 
 
+class Cells(dict):
+    """{tab: [(line, [texts])]}. lost: {tab: {(line, column): why it has no value}}, for whom reads
+    the cell to tell: formulas that were never calculated, and all but the first of merged cells."""
+
+    def __init__(self):
+        super().__init__()
+        self.lost = {}
+
+
 def read_cells(path, report):
-    """{tab: [(line, [texts])]} of a workbook, whatever is in it. Its formulas must have been
-    calculated; merged cells are an error below the first row."""
+    """Cells of a workbook, whatever is in it."""
     values = _load(path, data_only=True)
     formulas = _load(path, data_only=False)
-    found = {}
+    found = Cells()
     for tab in values.worksheets:
         name = tab.title
         width = _width(tab)
         rows = []
         other = formulas[name]
         last_row, last_column = other.max_row or 0, other.max_column or 0
+        lost = found.lost.setdefault(name, {})
         for merged in getattr(tab, "merged_cells", None).ranges if tab.merged_cells else []:
             if merged.min_row > 1:
-                report.warning(Place(path, merged.min_row, merged.min_col, name), None,
-                               "merged cells %s: only the first one has the value" % merged)
+                for row, column in list(merged.cells)[1:]:
+                    lost[row, column] = "merged cells %s: only the first one has the value" % merged
         for line, cells in enumerate(tab.iter_rows(max_col=width, values_only=True), 1):
             texts = []
             for number, value in enumerate(cells, 1):
@@ -73,8 +82,8 @@ def read_cells(path, report):
                 if value is None and line <= last_row and number <= last_column:
                     formula = other.cell(line, number).value
                     if isinstance(formula, str) and formula.startswith("="):
-                        report.warning(place, None, "the formula %s was never calculated: open "
-                                       "the file and save it" % formula[:40])
+                        lost[line, number] = "the formula %s was never calculated: open the " \
+                            "file and save it" % formula[:40]
                 texts.append(_text(value, place, report))
             while texts and not clean(texts[-1]):
                 texts.pop()
@@ -101,6 +110,8 @@ def read_sheets(path, names, report):
     cells = read_cells(path, report)
     for tab, rows in cells.items():
         if tab.lower() in names:
+            for (line, number), why in cells.lost[tab].items():
+                report.warning(Place(path, line, number, tab), None, why)
             found[tab.lower()] = sheet_from_rows(tab.lower(), path, tab, rows, report)
     if not found:
         raise Refused("no sheet of a map; it has %s; a map has the sheets %s"

@@ -1,6 +1,7 @@
 """What all forms of exports have in common: what they bring, and addresses in their spellings."""
 import re
 
+from ..problems import Place, letters
 from ..types import ELEMENTARY, ALIASES, Array, Struct, TypeProblem, parse_type
 
 
@@ -94,6 +95,26 @@ def known_type(text):
     return kind
 
 
+def once(header, wanted, place, report):
+    """A column that is read must not be there twice: which would count?"""
+    for name in wanted:
+        if header.count(name) > 1:
+            first = header.index(name)
+            report.error(Place(place.file, place.line, header.index(name, first + 1) + 1, place.sheet),
+                         name, "the column is there twice, first as column %s; allowed: each once"
+                         % letters(first + 1))
+
+
+def whole_row(line, numbers, lost, place, report):
+    """True: all cells that are read have their values. Else the row is left out, and told."""
+    for number in numbers:
+        if (line, number) in lost:
+            report.warning(Place(place.file, line, number, place.sheet), None,
+                           "%s: the row is left out" % lost[line, number])
+            return False
+    return True
+
+
 def add_symbol(source, symbol, address, type_text, comment, place, report):
     """A row of a symbol or tag table: symbol, address and type as they stand there."""
     kind, plc = siemens_address(address)
@@ -105,6 +126,10 @@ def add_symbol(source, symbol, address, type_text, comment, place, report):
         return
     if kind == "timer":
         source.left_out += 1
+        return
+    if not symbol:
+        report.warning(place, None, "%s %s has no name: left out" % (address.strip() or "a row",
+                                                                    type_text.strip()))
         return
     if kind == "peripheral":
         report.warning(place, None, '"%s" is peripheral memory (%s): left out; name its process '

@@ -231,7 +231,15 @@ class Names:
             except re.error as e:
                 raise Refused("--pv: %s" % e) from None
         name = name.replace("\"", "").replace(".", ":").replace("[", "").replace("]", "")
+        if any(_foreign(part) for part in name.split(":")):
+            return ""
         return _NOT_PV.sub("_", name).strip("_")
+
+
+def _foreign(text):
+    """All its letters are such as no record name can have: what would be left is no name."""
+    letters = [c for c in text if c.isalpha()]
+    return bool(letters) and not any(c.isascii() for c in letters)
 
 
 # --- into the map ----------------------------------------------------------------------------------
@@ -266,6 +274,7 @@ class Merge:
         self.room = columns.MAX_PV - len(keys.get("prefix", ""))
         self.rbv = len(keys.get("rbv", columns.PLC_KEYS["rbv"][0]).strip("-"))
         self.long = []  # symbols whose records would have names that are too long
+        self.cut = []  # symbols whose descriptions were
 
     def run(self, rows, types, scope):
         wanted = {}
@@ -289,6 +298,10 @@ class Merge:
         self._vanished(wanted, seen, scope)
         if self.options.types:
             self._add_types(types, rows)
+        if self.cut:
+            self.report.warning(Place(self.sheet.file, None, None, self.sheet.tab), "desc",
+                                "%d descriptions are longer than %d bytes and are cut: %s" % (
+                                    len(self.cut), columns.MAX_DESC, " ".join(self.cut)))
         self.lines.append("%d new, %d changed, %d as they were" % (
             self.counts["new"], self.counts["changed"], self.counts["same"]))
 
@@ -312,6 +325,10 @@ class Merge:
     def _add(self, row):
         pv = row.cells.get("pv") or self.names.of(row.symbol)
         direction = row.cells.get("dir") or self.options.dir
+        if not pv and not self.names.none:
+            self.report.warning(row.place, "pv", "%s: no record name is made of its letters; it gets no "
+                                "record before column pv has one; allowed: A-Z a-z 0-9 _ - : [ ] < > ;"
+                                % row.symbol)
         if len(pv) > self.room - (self.rbv if direction == "out" else 0):
             self.long.append(row)
             pv = ""
@@ -323,7 +340,7 @@ class Merge:
             self.pvs.add(pv)
         cells = {"symbol": row.symbol, "plc": row.plc, "type": row.type,
                  "dir": direction, "pv": pv,
-                 "desc": fit(row.desc, columns.MAX_DESC)}
+                 "desc": self._desc(row.desc, row.symbol)}
         for column, value in row.cells.items():
             if column in columns.MAP_COLUMNS and column not in cells:
                 self.sheet.column(column)
@@ -333,6 +350,13 @@ class Merge:
         self.sheet.append({c: v for c, v in cells.items() if v})
         self.counts["new"] += 1
         self.lines.append("new: %s %s %s" % (row.symbol, row.type, row.plc))
+
+    def _desc(self, text, symbol):
+        """What DESC can hold of a description."""
+        found = fit(text, columns.MAX_DESC)
+        if found != fit(text, len(text.encode("utf-8"))):
+            self.cut.append(symbol)
+        return found
 
     def _tell_long(self):
         if self.long:
@@ -362,7 +386,7 @@ class Merge:
                                       % (side, known.cells.pop(side)))
             changed = True
         if not known.get("desc") and row.desc:
-            known.cells["desc"] = fit(row.desc, columns.MAX_DESC)
+            known.cells["desc"] = self._desc(row.desc, row.symbol)
             changed = True
         self.counts["changed" if changed else "same"] += 1
 
@@ -419,7 +443,7 @@ class Merge:
                 zip(placed, types.comments(Named(name)))):
             cells = {"type": types.names[name] if number == 0 else "", "field": field,
                      "ftype": str(kind), "at": "%d" % byte if bit is None else "%d.%d" % (byte, bit),
-                     "desc": fit(comment, columns.MAX_DESC)}
+                     "desc": self._desc(comment, "%s.%s" % (types.names[name], field))}
             if isinstance(kind, Struct):
                 self.report.warning(Place("type %s" % types.names[name]), None, "%s is a structure "
                                     "without a name: give it one in the PLC, or import single "

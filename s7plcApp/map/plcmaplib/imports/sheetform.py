@@ -10,7 +10,7 @@ from ..address import WIDTHS, Address, misfit
 from ..problems import Place, Refused, nearest
 from ..sheets import clean
 from ..types import ELEMENTARY, VISIBLE
-from .common import Source, known_type, siemens_address
+from .common import Source, known_type, once, siemens_address, whole_row
 
 LIST_KEYS = ["symbol", "plc", "type", "dir", "pv", "desc", "egu", "prec", "lopr", "hopr", "lolo",
              "low", "high", "hihi", "states", "archive", "group", "note"]
@@ -44,15 +44,20 @@ def read(cells, path, description, report):
     """cells: {sheet: [(line, [texts])]}"""
     keys, words = description
     wanted = [w.strip() for w in keys.get("sheets", "*").split(",")]
+    missing = [w for w in wanted if w != "*" and w not in cells]
+    if missing:
+        raise Refused('sheets: "%s" is not there%s; it has: %s' % (
+            missing[0], nearest(missing[0], cells), ", ".join(cells)), Place(path))
     source = Source("sheet, by its description")
     source.extra = {}
     for tab, rows in cells.items():
         if wanted == ["*"] or tab in wanted:
+            lost = getattr(cells, "lost", {}).get(tab, {})  # a CSV has none
             if keys["form"] == "list":
-                _read_list(source, tab, rows, path, keys, words, report)
+                _read_list(source, tab, rows, path, keys, words, lost, report)
             else:
-                _read_types(source, tab, rows, path, keys, words, report)
-    if not source.items and not source.types:
+                _read_types(source, tab, rows, path, keys, words, lost, report)
+    if not source.items and not source.types and not report.errors():
         raise Refused("nothing that fits the description in the sheets %s" % ", ".join(cells),
                       Place(path))
     return source
@@ -60,42 +65,63 @@ def read(cells, path, description, report):
 
 # --- a row for each signal -----------------------------------------------------------------------
 
-def _filled(template, row, none):
-    """{Column} replaced by its cell; a template without braces names a column."""
-    if "{" not in template:
-        value = row.get(template, "")
-        return "" if value.lower() in none else value
-    parts = re.findall(r"\{([^}]*)\}", template)
-    if all(row.get(p, "").lower() in none or not row.get(p) for p in parts):
+def _parts(template):
+    """The columns that a template names: one without braces is a column."""
+    return re.findall(r"\{([^}]*)\}", template) if "{" in template else [template]
+
+
+def _filled(template, row):
+    """{Column} replaced by its cell; nothing where all of them are blank."""
+    parts = {p: row.get(p, "") for p in _parts(template)}
+    if not any(parts.values()):
         return ""
-    return re.sub(r"\{([^}]*)\}", lambda m: row.get(m.group(1), ""), template)
+    return re.sub(r"\{([^}]*)\}", lambda m: parts[m.group(1)], template) if "{" in template else \
+        parts[template]
 
 
-def _read_list(source, tab, rows, path, keys, words, report):
+def _used(header, keys, place, report):
+    """The numbers of the columns that the description names, each there and once; or None."""
+    used = {part: key for key in LIST_KEYS if key in keys for part in _parts(keys[key])}
+    missing = [part for part in used if part not in header]
+    for part in missing:
+        report.error(place, None, '%s: the sheet has no column "%s"%s; it has: %s' % (
+            used[part], part, nearest(part, header), ", ".join(h for h in header if h)))
+    once(header, used, place, report)
+    return None if missing else [header.index(part) + 1 for part in used]
+
+
+def _read_list(source, tab, rows, path, keys, words, lost, report):
     marker = keys.get("header", "")
     none = {w.strip().lower() for w in keys.get("none", "").split(",") if w.strip()}
-    header = None
+    header = used = None
     for line, texts in rows:
         texts = [clean(t) for t in texts]
         if header is None:
             if marker in texts or (not marker and any(texts)):
                 header = texts
+                used = _used(header, keys, Place(path, line, 1, tab), report)
+                if used is None:
+                    return
             continue
-        row = {h: t for h, t in zip(header, texts) if h}
-        if not any(row.values()):
-            continue
-        _list_row(source, row, Place(path, line, 1, tab), keys, words, none, report)
+        row = {h: "" if t.lower() in none else t for h, t in zip(header, texts) if h}
+        place = Place(path, line, 1, tab)
+        if any(row.values()) and whole_row(line, used, lost, place, report):
+            _list_row(source, row, place, keys, words, report)
     if header is None:
         report.warning(Place(path, None, None, tab), None,
                        'no row with the header "%s": the sheet is left out' % marker)
 
 
-def _list_row(source, row, place, keys, words, none, report):
+def _list_row(source, row, place, keys, words, report):
     cells = {}
     for key in LIST_KEYS:
         if key not in keys:
             continue
-        value = _filled(keys[key], row, none)
+        value = _filled(keys[key], row)
+        blank = [p for p in _parts(keys[key]) if not row.get(p)]
+        if value and blank and key in ("symbol", "plc", "type", "pv"):  # ".B" would be a guess
+            report.warning(place, None, '%s: the column "%s" is blank: left out' % (key, blank[0]))
+            return
         if key in words and value:
             if value.lower() not in words[key]:
                 report.warning(place, None, '%s "%s" is not in the description: left out; known: %s'
@@ -104,17 +130,20 @@ def _list_row(source, row, place, keys, words, none, report):
             value = words[key][value.lower()]
         cells[key] = value
     kind = known_type(cells.get("type", ""))
-    if not cells.get("symbol") or kind is None:
-        if cells.get("symbol") or cells.get("type"):
-            report.warning(place, None, '"%s": type "%s" is not known: left out' % (
-                cells.get("symbol", ""), cells.get("type", "")))
+    if not cells.get("symbol"):
+        if any(cells.values()):
+            report.warning(place, None, "symbol: it is blank: left out")
+        return
+    if kind is None:
+        report.warning(place, None, '"%s": type "%s" is not known: left out' % (
+            cells["symbol"], cells.get("type", "")))
         return
     plc = cells.get("plc", "")
     found, normal = siemens_address(plc) if plc else (None, "")
     source.add(cells["symbol"], normal if found == "value" else plc, kind, cells.get("desc", ""),
                place)
-    source.extra[cells["symbol"]] = {k: v for k, v in cells.items()
-                                     if k not in ("symbol", "plc", "type", "desc") and v}
+    source.extra.setdefault(cells["symbol"], {k: v for k, v in cells.items() if v and
+                                              k not in ("symbol", "plc", "type", "desc")})
 
 
 # --- blocks of rows for each type ------------------------------------------------------------------
@@ -125,7 +154,7 @@ GAP = 4  # blank rows that end a block
 _BY_WIDTH = {"X": "BOOL", "B": "BYTE", "W": "WORD", "D": "DWORD"}
 
 
-def _read_types(source, tab, rows, path, keys, words, report):
+def _read_types(source, tab, rows, path, keys, words, lost, report):
     """Header cells at any column; below them address, type, name, description."""
     order = [w.strip() for w in keys.get("types", "address type name desc").split()]
     grid = {line: [clean(t) for t in texts] for line, texts in rows}
@@ -141,7 +170,7 @@ def _read_types(source, tab, rows, path, keys, words, report):
         end = min([l for l, c, _, _ in heads if c == column and l > line] + [max(grid) + 1])
         typename = name + ("_" + direction if direction else "")
         fields = _type_fields(grid, line, end, column, order, Place(path, line, column + 1, tab),
-                              typename, report, path, tab)
+                              typename, lost, report, path, tab)
         if typename in source.types:
             report.error(Place(path, line, column + 1, tab), None,
                          "type %s is there twice" % typename)
@@ -173,7 +202,7 @@ def _field_type(text, place):
     return kind, problem and problem.replace("DB0.", "")
 
 
-def _type_fields(grid, line, end, column, order, place, typename, report, path, tab):
+def _type_fields(grid, line, end, column, order, place, typename, lost, report, path, tab):
     fields, blanks, names = [], 0, set()
     for number in range(line + 1, end):
         texts = grid.get(number, [])
@@ -191,6 +220,8 @@ def _type_fields(grid, line, end, column, order, place, typename, report, path, 
                 report.warning(here, None, '"%s" is no address in a type: left out' % text[:30])
             continue
         blanks = 0
+        if not whole_row(number, range(column + 1, column + 1 + len(order)), lost, here, report):
+            continue
         name = cells.get("name", "")
         if not name:
             continue  # a spare bit

@@ -5,7 +5,7 @@ import xml.etree.ElementTree as ET
 from ..problems import Place, Refused
 from ..sheets import clean
 from ..types import Named, Struct, TypeProblem, parse_type
-from .common import Source, add_symbol
+from .common import Source, add_symbol, once, whole_row
 
 TAG_COLUMNS = ("Name", "Data Type", "Logical Address")
 
@@ -27,27 +27,27 @@ def child_text(element, name):
 
 
 def find_tags(cells):
-    """The sheet of a workbook that is a table of tags: (rows, columns) or None."""
-    for tab, rows in cells.items():
-        for line, header in rows[:1]:
-            names = [clean(c) for c in header]
-            if all(c in names for c in TAG_COLUMNS):
-                return tab, rows[1:], {n: i for i, n in enumerate(names)}
-    return None
+    """The sheets of a workbook that are tables of tags: [(tab, header, rows)]."""
+    return [(tab, [clean(c) for c in rows[0][1]], rows[1:]) for tab, rows in cells.items()
+            if rows and set(TAG_COLUMNS) <= {clean(c) for c in rows[0][1]}]
 
 
 def read_workbook(cells, path, report):
-    """`PLC Tags` of an .xlsx."""
-    tab, rows, columns = find_tags(cells)
-    source = Source("TIA tag table (.xlsx)", family="tia")
-    for line, cells_ in rows:
-        row = {n: clean(cells_[i]) if i < len(cells_) else "" for n, i in columns.items()}
-        if not any(row.values()):
-            continue
-        place = Place(path, line, columns["Name"] + 1, tab)
-        comment = row.get("Comment", "")
-        add_symbol(source, row["Name"], row["Logical Address"], row["Data Type"],
-                   "" if comment == "''" else comment, place, report)
+    """All sheets such as `PLC Tags` of an .xlsx."""
+    found = find_tags(cells)
+    source = Source("TIA tag table (.xlsx%s)" % (
+        ": " + ", ".join(tab for tab, _, _ in found) if len(found) > 1 else ""), family="tia")
+    for tab, header, rows in found:
+        once(header, TAG_COLUMNS + ("Comment",), Place(path, 1, 1, tab), report)
+        columns = {name: number for number, name in enumerate(header, 1)}
+        for line, texts in rows:
+            row = {n: clean(texts[i - 1]) if i <= len(texts) else "" for n, i in columns.items()}
+            place = Place(path, line, columns["Name"], tab)
+            if any(row.values()) and whole_row(line, [columns[c] for c in TAG_COLUMNS],
+                                               cells.lost[tab], place, report):
+                comment = row.get("Comment", "")
+                add_symbol(source, row["Name"], row["Logical Address"], row["Data Type"],
+                           "" if comment == "''" else comment, place, report)
     return source
 
 
