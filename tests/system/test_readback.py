@@ -224,3 +224,12 @@ def test_closed_loop(new_peer, new_ioc):
     ioc.put("loop.PROC", 1)
     peer.wait_block(struct.pack(">ii", 7, 0))
     assert ioc.get("loop") == 7
+
+
+def test_shown_as_read(new_ioc):
+    """s7plcShow counts what read-backs read among the bytes of the input block that are in use"""
+    ioc = new_ioc('s7plcConfigure("PLC", "", 0, 16, 8, 1, 2000, 100)',
+                  'record(longin, "$(P)in") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT32") }\n'
+                  'record(longout, "$(P)out") { field(DTYP, "S7plc") field(OUT, "@PLC/2 T=INT32 R=8") }\n')
+    assert "Bytes that no record reads: 4-7, 12-15 (8 of 16)" in ioc.command("s7plcShow PLC in")
+    assert "Bytes that no record writes: 0-1, 6-7 (4 of 8)" in ioc.command("s7plcShow PLC out")

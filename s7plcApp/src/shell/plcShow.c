@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <cantProceed.h>
 #include <epicsStdio.h>
 #include <epicsString.h>
 
@@ -210,23 +211,46 @@ static void printOverlaps(const view *v)
         fprintf(v->file, "  Overlaps: none\n");
 }
 
+static void mark(const view *v, char *used, size_t offset, size_t length)
+{
+    if (offset <= v->size && length <= v->size - offset)
+        memset(used + offset, 1, length);
+}
+
+/* A byte for each of the block, 1 where a record has it; the input also by read-backs of outputs. */
+static char *usedBytes(const view *v)
+{
+    char *used = callocMustSucceed(v->size + 1, 1, "s7plcShow");
+    size_t i, count = 0;
+    plcOwner *outputs = v->output ? NULL : plcOwnersCopy(plcStationOwners(v->station), 1, &count);
+
+    for (i = 0; i < v->count; i++)
+        mark(v, used, v->owners[i].offset, v->owners[i].length);
+    for (i = 0; outputs && i < count; i++)
+        if (outputs[i].hasReadback)
+            mark(v, used, outputs[i].readback, outputs[i].length);
+    free(outputs);
+    return used;
+}
+
 static void printUnused(const view *v)
 {
-    size_t end = 0, i, total = 0;
-    char place[48];
+    char *used = usedBytes(v), place[48];
+    size_t i, start, total = 0;
 
     fprintf(v->file, "  Bytes that no record %s:", v->output ? "writes" : "reads");
-    for (i = 0; i <= v->count; i++) {
-        size_t start = i < v->count ? v->owners[i].offset : v->size;
-
-        if (start > end) {
-            placeText(end, start - end, place, sizeof(place));
+    for (i = 0; i < v->size;) {
+        for (start = i; i < v->size && !used[i]; i++)
+            ;
+        if (i > start) {
+            placeText(start, i - start, place, sizeof(place));
             fprintf(v->file, "%s %s", total ? "," : "", place);
-            total += start - end;
+            total += i - start;
         }
-        if (i < v->count && start + v->owners[i].length > end)
-            end = start + v->owners[i].length;
+        while (i < v->size && used[i])
+            i++;
     }
+    free(used);
     if (total)
         fprintf(v->file, " (%lu of %lu)\n", (unsigned long)total, (unsigned long)v->size);
     else
