@@ -249,6 +249,15 @@ def test_show_one(tank):
     assert "nothing is at byte 99" in plcmap("show", tank, "99").out
 
 
+def test_show_nothing(tank):
+    """show of a name or a byte that is not there ends with 1 and says what there is; a free byte is an answer"""
+    for what, text in (("Tank.Tmp", 'no symbol and no record "Tank.Tmp" (did you mean Tank.Temp?)'), ("x", "allowed: one of the map, or a byte"),
+                       ("9999", "no byte 9999; allowed: below 124"), ("out.200", "no byte out.200; allowed: below 54")):
+        result = plcmap("show", tank, what)
+        assert result.status == 1 and text in result.err, result.err
+    assert plcmap("show", tank, "99").status == 0
+
+
 MIRRORED = [
     {"symbol": "Temp.SP", "plc": "DB10.DBD0", "type": "REAL", "dir": "out", "pv": "SP"},
     {"symbol": "Pump", "plc": "DB10.DBX4.0", "type": "BOOL", "dir": "out", "pv": "Pump"},

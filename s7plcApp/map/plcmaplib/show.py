@@ -1,6 +1,7 @@
 """The map for people: the blocks byte by byte, free places, transfers; one value in full."""
 import re
 
+from .problems import Place, Refused, nearest
 from .transfer import layout_crc, layout_id, owned, transfers
 
 
@@ -109,9 +110,16 @@ def _show_one(map_, what):
             hit = what in (leaf.symbol, leaf.pv, full) or leaf.owner.symbol == what
         if hit:
             lines += _one(map_, leaf)
-    if not lines:
-        lines = ["nothing is at byte %s" % what if m else "no symbol and no record \"%s\"" % what]
-    return lines
+    if lines:
+        return lines
+    if not m:
+        raise Refused('no symbol and no record "%s"%s; allowed: one of the map, or a byte such as 54 '
+                      "or out.10" % (what, nearest(what, [l.symbol for l in map_.leaves()])), Place(map_.path))
+    ends = [map_.block_size(side) for side in sides] if map_.has_blocks() else [0]
+    if int(m.group(2)) >= max(ends):
+        raise Refused("no byte %s; allowed: below %d" % (what, max(ends)) if max(ends) else
+                      "no byte %s: there is no block" % what, Place(map_.path))
+    return ["nothing is at byte %s" % what]
 
 
 def _one(map_, leaf):
