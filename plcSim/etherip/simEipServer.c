@@ -99,47 +99,49 @@ static int initialise(simEipServer *s, simEipTag *tag, char **words, size_t coun
 
 /* What is behind name, type and place of a tag: values, or a signal. */
 static int tagValue(simEipServer *s, simEipTag *tag, char **words, size_t count,
-                    char error[SIM_ERROR_SIZE])
+                    simSignal *signal, char error[SIM_ERROR_SIZE])
 {
-    simSignal signal;
-
     if (!count)
         return 0;
     if (!strcmp(words[0], "="))
         return initialise(s, tag, words + 1, count - 1, error);
-    if (simEipValueSignal(&s->plc->memory, tag, words, count, &signal, error))
+    if (simEipValueSignal(&s->plc->memory, tag, words, count, signal, error))
         return -1;
-    simPlcAddSignal(s->plc, &signal);
     tag->moves = 1;
     return 0;
 }
 
-static void dropTag(simEipServer *s, const char *name)
+static void dropTag(simEipServer *s, simEipTag *tag)
 {
-    simEipTag *tag = simEipTagFind(&s->eip.controller.tags, name);
-
     if (!tag)
         return;
     if (tag->moves)
         simPlcDropSignals(s->plc, tag->block, tag->offset);
-    simEipTagRemove(&s->eip.controller.tags, name);
+    simEipTagFree(tag);
 }
 
+/* again: a tag of that name is replaced; one that is refused leaves it as it is. */
 static int makeTag(simEipServer *s, char **words, size_t count, int again,
                    char error[SIM_ERROR_SIZE])
 {
+    simEipTags *tags = &s->eip.controller.tags;
+    simEipTag *old = again && count ? simEipTagTake(tags, words[0]) : NULL;
     simEipTag *tag;
+    simSignal signal;
     size_t used;
 
-    if (again && count)
-        dropTag(s, words[0]);
-    tag = simEipTagAdd(&s->eip.controller.tags, words, count, &used, error);
-    if (!tag)
+    tag = simEipTagAdd(tags, words, count, &used, error);
+    if (!tag || tagValue(s, tag, words + used, count - used, &signal, error)) {
+        if (tag)
+            simEipTagRemove(tags, words[0]);
+        if (old)
+            simEipTagPutBack(tags, old);
         return -1;
-    if (!tagValue(s, tag, words + used, count - used, error))
-        return 0;
-    dropTag(s, words[0]);
-    return -1;
+    }
+    dropTag(s, old);
+    if (tag->moves)
+        simPlcAddSignal(s->plc, &signal);
+    return 0;
 }
 
 static int addTag(void *server, char **words, size_t count, char error[SIM_ERROR_SIZE])
@@ -359,7 +361,7 @@ static int eipRemove(simCall *c)
 {
     if (c->count < 2 || !simEipTagFind(&eipOf(c)->controller.tags, c->words[1]))
         return simCallFail(c, "usage: etherip remove <tag>, one that exists");
-    dropTag(serverOf(c), c->words[1]);
+    dropTag(serverOf(c), simEipTagTake(&eipOf(c)->controller.tags, c->words[1]));
     eipOf(c)->controller.edits++;
     return 0;
 }

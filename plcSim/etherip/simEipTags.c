@@ -38,7 +38,7 @@ void simEipTagsInit(simEipTags *tags, simEipTypes *types, simMemory *memory)
     gphInitPvt(&tags->names, 16384);
 }
 
-static void freeTag(simEipTag *tag)
+void simEipTagFree(simEipTag *tag)
 {
     size_t i;
 
@@ -54,7 +54,7 @@ void simEipTagsFree(simEipTags *tags)
     size_t i;
 
     for (i = 0; i < tags->count; i++)
-        freeTag(tags->list[i]);
+        simEipTagFree(tags->list[i]);
     free(tags->list);
     if (tags->names)
         gphFreeMem(tags->names);
@@ -107,19 +107,44 @@ void simEipTagsEntry(simEipTags *tags, const char *name, unsigned word)
     tag->scope = dot ? (size_t)(dot - name) + 1 : 0;
 }
 
-int simEipTagRemove(simEipTags *tags, const char *name)
+simEipTag *simEipTagTake(simEipTags *tags, const char *name)
 {
     simEipTag *tag = simEipTagFind(tags, name);
     size_t i;
 
     if (!tag)
-        return -1;
+        return NULL;
     gphDelete(tags->names, tag->key, NULL);
     for (i = 0; tags->list[i] != tag; i++)
         ;
     tags->count--;
     memmove(tags->list + i, tags->list + i + 1, (tags->count - i) * sizeof(*tags->list));
-    freeTag(tag);
+    return tag;
+}
+
+void simEipTagPutBack(simEipTags *tags, simEipTag *tag)
+{
+    GPHENTRY *entry = gphAdd(tags->names, tag->key, NULL);
+    size_t i = tags->count;
+
+    if (entry)
+        entry->userPvt = tag;
+    tags->list = realloc(tags->list, (tags->count + 1) * sizeof(*tags->list));
+    if (!tags->list)
+        cantProceed("simEipTags: out of memory");
+    for (; i > 0 && tags->list[i - 1]->order > tag->order; i--)
+        tags->list[i] = tags->list[i - 1];
+    tags->list[i] = tag;
+    tags->count++;
+}
+
+int simEipTagRemove(simEipTags *tags, const char *name)
+{
+    simEipTag *tag = simEipTagTake(tags, name);
+
+    if (!tag)
+        return -1;
+    simEipTagFree(tag);
     return 0;
 }
 

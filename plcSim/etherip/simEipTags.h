@@ -70,6 +70,10 @@ simEipTag *simEipTagAdd(simEipTags *tags, char **words, size_t count, size_t *us
 void simEipTagsEntry(simEipTags *tags, const char *name, unsigned word);
 /* Returns 0, or -1 when there is no such tag. */
 int simEipTagRemove(simEipTags *tags, const char *name);
+/* Out of the list, and back to its place in it; between both it is the caller's to free. */
+simEipTag *simEipTagTake(simEipTags *tags, const char *name); /* NULL: there is none */
+void simEipTagPutBack(simEipTags *tags, simEipTag *tag);
+void simEipTagFree(simEipTag *tag);
 simEipTag *simEipTagFind(const simEipTags *tags, const char *name);
 
 epicsUInt8 *simEipTagBytes(const simEipTag *tag);

@@ -1,6 +1,7 @@
 """DTYP "EtherIP": values at the edges of types and records, bits that a type has not, links and types that
 change at run time. Nothing that is not so is shown as good, and each refusal names its reason."""
 import re
+import socket
 
 import pytest
 
@@ -348,3 +349,37 @@ def test_types_change(plant):
     until_equal(lambda: plant.ioc.plain("w"), [2, 2, 2])
     plant.sim.command("etherip tag A INT[2] = 4")
     plant.ioc.wait_alarm("w", "INVALID", "READ", "beyond the end")
+
+
+REFUSED_TAGS = ["A NOTYPE", "A DINT[0]", "A DINT[3] = 1 2", "A DINT = 1 2", "A DINT -> DB99.0", "A DINT ramp 0", "A"]
+
+
+def test_refused_tag(plant):
+    """A tag that the console refuses in the place of another one leaves that one: its value and its signal"""
+    plant.tags("tag First DINT", "tag A DINT = 5", "tag S DINT ramp 0 100 3s", "tag Last DINT = 7", "db 10 20")
+    for line in REFUSED_TAGS:
+        with pytest.raises(AssertionError):
+            plant.sim.command("etherip tag " + line)
+        with pytest.raises(AssertionError):
+            plant.sim.command("etherip tag " + line.replace("A", "S", 1))
+        assert plant.tag("A") == "5" and plant.tag("Last") == "7"
+    before = plant.tag("S")
+    until(lambda: plant.tag("S") != before)
+    plant.sim.command("etherip tag S DINT = 9")  # one that is taken has its own value, and the signal is gone
+    plant.sim.command("etherip tag A DINT -> DB10.0 ramp 0 100 3s")
+    plant.sim.command("etherip tag A DINT -> DB10.0 ramp 500 600 3s")
+    until(lambda: 500 <= int(plant.tag("A")) <= 600)
+    assert plant.tag("S") == "9"
+
+
+def test_limits_of_plcsim(plant):
+    """plcSim has 32 clients at a time, one more is closed at once; a line of the console has 128 words"""
+    plant.tags("tag A DINT[130]")
+    clients = [socket.create_connection(("127.0.0.1", plant.port), 10) for _ in range(33)]
+    until(lambda: "clients=32" in plant.sim.command("etherip") and "sent_away=1" in plant.sim.command("etherip"))
+    assert clients[32].recv(1) == b""
+    for client in clients:
+        client.close()
+    plant.sim.command("etherip set A[0] " + "7 " * 125)
+    with pytest.raises(AssertionError, match="more than 128 words"):
+        plant.sim.command("etherip set A[0] " + "7 " * 126)
