@@ -284,13 +284,12 @@ static int doDescribe(eipClient *c, char **words, int count)
 
 static double numberArg(char letter, const char *text, double low, double high)
 {
-    int isWhole = letter != 'w';
+    int isOther = letter != 'w' && text[strspn(text, "-+0123456789")]; /* 1.5, 1e1, 0x1 */
     double number;
 
-    if (epicsParseDouble(text, &number, NULL) || !(number >= low && number <= high) ||
-        (isWhole && number != (epicsInt64)number))
+    if (epicsParseDouble(text, &number, NULL) || !(number >= low && number <= high) || isOther)
         refuse("-%c %.40s; allowed: %.10g to %.10g%s", letter, text, low, high,
-               isWhole && text[strspn(text, "-+0123456789")] ? ", a whole number" : "");
+               isOther ? ", a whole number" : "");
     return number;
 }
 
@@ -302,6 +301,8 @@ static void setOption(char letter, const char *text)
         option.slot = text;
         break;
     case 'r':
+        if (!text[strspn(text, " ")])
+            refuse("-r is blank; allowed: port,link,port,link ... as 1,0, or -1");
         option.route = text;
         break;
     case 'n':

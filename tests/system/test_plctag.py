@@ -75,6 +75,10 @@ def test_refusals(plant):
         assert run(letter, value, here, "read", "D") == (2, "", f"plcTag: {letter} {value}; allowed: {words}{whole}\n")
     assert run("-s", "1.5", here, "read", "D")[::2] == (2, "plcTag: -s 1.5; allowed: -1 to 255, a whole number\n")
     assert run("-r", "1,", here, "read", "D")[0] == 2
+    for route in "", " ":
+        assert run("-r", route, here, "read", "D")[::2] == (2, "plcTag: -r is blank; allowed: port,link,port,link ... as 1,0, or -1\n")
+    for slot in "0x0", "1e1":
+        assert run("-s", slot, here, "read", "D")[::2] == (2, f"plcTag: -s {slot}; allowed: -1 to 255, a whole number\n")
     assert run(here, "read", "S.7", "D.31") == (0, "S.7=1\nD.31=0\n", "")
 
 
