@@ -46,19 +46,40 @@ void eipClientDestroy(eipClient *c)
     free(c);
 }
 
+/* Name and port of host[:port]. An address that is short of numbers, as 127.1, is none. */
+static int splitHost(eipClient *c, const char *host, char name[256], epicsInt32 *port)
+{
+    const char *colon = strchr(host, ':');
+    size_t length = strcspn(host, ":");
+    struct in_addr address;
+
+    epicsSnprintf(name, 256, "%.*s", (int)length, host);
+    *port = eipTcpPort;
+    if (!length || length > 255 || strchr(host, '/') || (colon && strchr(colon + 1, ':')) ||
+        (strspn(name, "0123456789.") == length && inet_pton(AF_INET, name, &address) != 1))
+        return eipClientFail(c, "host \"%.60s\"; allowed: a name or an address as 10.0.0.5, with or without :port",
+                             host);
+    if (colon && (epicsParseInt32(colon + 1, port, 10, NULL) || *port < 1 || *port > 65535))
+        return eipClientFail(c, "port %.40s; allowed: 1 to 65535", colon + 1);
+    return 0;
+}
+
+int eipClientCheckHost(eipClient *c, const char *host)
+{
+    char name[256];
+    epicsInt32 port;
+
+    return splitHost(c, host, name, &port);
+}
+
 static int begin(eipClient *c)
 {
     char name[256], why[100];
     const char *host = c->host;
-    epicsInt32 port = eipTcpPort;
-    const char *colon = strchr(host, ':');
+    epicsInt32 port;
 
-    epicsSnprintf(name, sizeof(name), "%.*s", (int)strcspn(host, ":"), host);
-    if (!*name || strchr(host, '/') || (colon && strchr(colon + 1, ':')))
-        return eipClientFail(c, "host \"%.60s\"; allowed: a name or an address as 10.0.0.5, with or without :port",
-                             host);
-    if (colon && (epicsParseInt32(colon + 1, &port, 10, NULL) || port < 1 || port > 65535))
-        return eipClientFail(c, "port %.40s; allowed: 1 to 65535", colon + 1);
+    if (splitHost(c, host, name, &port))
+        return -1;
     if (eipSocketConnect(&c->socket, name, (unsigned)port, c->timeout, why, sizeof(why)))
         return eipClientFail(c, "%.60s: %s", host, why);
     eipConnectBegin(&c->connect, (epicsUInt32)epicsMonotonicGet());

@@ -35,7 +35,8 @@ typedef struct eipClient {
 eipClient *eipClientCreate(const eipConnectOptions *connect, unsigned timeout);
 void eipClientDestroy(eipClient *c);
 
-/* `host` is host[:port]. */
+/* `host` is host[:port]. CheckHost looks how it is written, and nothing up. */
+int eipClientCheckHost(eipClient *c, const char *host);
 int eipClientOpen(eipClient *c, const char *host);
 void eipClientClose(eipClient *c);
 

@@ -415,6 +415,8 @@ int main(int argc, char **argv)
         fputs("plcTag: no memory\n", stderr);
         return 1;
     }
+    if (eipClientCheckHost(c, argv[first]))
+        refuse("%s", c->why);
     if (eipClientOpen(c, argv[first]))
         stop("%s", c->why);
     if (option.verbose) {

@@ -126,9 +126,11 @@ def test_wrong_command_lines(plant):
         status, out, error = run(*options, *tail)
         assert (status, out) == (2, "") and words in error and error.count("\n") == 1, (options, error)
     assert run()[0] == 2 and run()[2].startswith("usage: plcTag") and run("--help")[1].startswith("usage: plcTag")
-    for host in "::1", f"http://{here}", ":44818":
-        assert run(host, "read", "D") == (1, "", f'plcTag: host "{host}"; allowed: a name or an address as 10.0.0.5, '
+    for host in "::1", f"http://{here}", ":44818", "127.1", "1.2.3:44818", "x" * 256:
+        assert run(host, "read", "D") == (2, "", f'plcTag: host "{host[:60]}"; allowed: a name or an address as 10.0.0.5, '
                                                  "with or without :port\n")
+    for port in "0", "70000", "abc", "":
+        assert run("127.0.0.1:" + port, "read", "D") == (2, "", f"plcTag: port {port}; allowed: 1 to 65535\n")
 
 
 def test_list_ignores_case(plant):
