@@ -292,7 +292,7 @@ static int resolve(plcAsynView *view, plcLinkError *doubt, char *error, size_t s
                    place->output ? "out" : "in", error, size))
         return -1;
     if (view->bit >= 0)
-        plcPutInt(view->type, view->mask, view->order, (epicsInt64)1 << view->bit);
+        plcPutInt(view->type, view->mask, view->order, (epicsInt64)((epicsUInt64)1 << view->bit));
     if (checkHeld(view, place->output, view->offset, doubt, error, size))
         return -1;
     return place->output ? placeReadback(view, &place->link, doubt, error, size) : 0;
@@ -412,7 +412,7 @@ int plcAsynPutInt(const plcAsynView *view, epicsInt64 value, void *bytes, char *
                   size_t size)
 {
     if (view->bit >= 0) {
-        value = value ? (epicsInt64)1 << view->bit : 0;
+        value = value ? (epicsInt64)((epicsUInt64)1 << view->bit) : 0;
     } else if (view->clips) {
         value = value > view->high ? view->high : value;
         value = value < leastOf(view) ? leastOf(view) : value;
