@@ -356,3 +356,66 @@ def test_link_ends_refusal(new_modbus, new_ioc):
     d.ioc.put("o5.OUT", "@PLC/20 T=UINT16")
     d.ioc.wait_alarm("o5", "NO_ALARM")
     d.good("o5", 9, 10)
+
+
+@pytest.mark.parametrize("complete", ["acknowledged", "sent"])
+def test_link_changes_behind_lost_values(new_modbus, new_ioc, complete):
+    """a link changes while the device gets back what it has lost: what waits behind that does not leave for the old place, the rest does (complete={complete})"""
+    d = Device(new_modbus, new_ioc, f"complete {complete}", "readPeriod 0", "requestTimeout 30000")
+    plc, ioc = d.plc, d.ioc
+    d.good("o2", 20, 2)
+    d.good("o4", 40, 4)
+    plc.power_off()
+    ioc.wait_log("disconnected")
+    plc.holding[BASE + 2] = plc.holding[BASE + 4] = 0
+    ioc.put("o1", 7)
+    ioc.wait_alarm("o1", "INVALID", "COMM")
+    plc.reads_go_on = True
+    plc.answering.clear()
+    plc.power_on()
+    until(lambda: plc.held, "the first of the lost values on its way")
+    ioc.put("o1.OUT", "@PLC/20 T=UINT16")
+    ioc.wait_alarm("o1", "INVALID", "WRITE", "link changed: value not written")
+    plc.answering.set()
+    d.good("o6", 8, 6)
+    assert [plc.holding[BASE + i] for i in (1, 2, 4, 10)] == [0, 20, 40, 0]
+    d.good("o1", 9, 10)
+
+
+def test_link_changes_after_refusal(new_modbus, new_ioc):
+    """a value that was refused is not tried again at its old place, after a reconnect either, when the link has changed"""
+    d = Device(new_modbus, new_ioc, "readPeriod 0")
+    plc, ioc = d.plc, d.ioc
+    d.good("o4", 40, 4)
+    plc.judge, plc.mangle = (lambda request: 2 if d.meets(request) else 0), None
+    ioc.put("o5", 7)
+    ioc.wait_alarm("o5", "INVALID", "WRITE", "exception 2")
+    ioc.put("o5.OUT", "@PLC/20 T=UINT16")
+    ioc.wait_alarm("o5", "NO_ALARM")
+    plc.judge = lambda request: 0
+    plc.power_off()
+    ioc.wait_log("disconnected")
+    plc.holding[BASE + 4] = 0
+    ioc.put("o6", 8)
+    plc.power_on()
+    until_equal(lambda: plc.holding[BASE + 6], 8)
+    assert [plc.holding[BASE + i] for i in (4, 5, 10)] == [40, 0, 0]
+
+
+def test_link_changes_before_second_put(new_modbus, new_ioc):
+    """a put to a record that waits for the answer to another one, then another link: it is written nowhere, and the record says so"""
+    d = Device(new_modbus, new_ioc, "readPeriod 0", "requestTimeout 30000")
+    plc, ioc = d.plc, d.ioc
+    ioc.connect(["o1", "o1.PACT"])
+    plc.answering.clear()
+    done = ioc.put_callback("o1", 7)
+    until(lambda: plc.held, "the put on its way")
+    ioc.put("o1", 8, wait=False)
+    until_equal(lambda: ioc.get("o1.RPRO"), 1)
+    ioc.put("o1.OUT", "@PLC/20 T=UINT16", wait=False)
+    until(done.is_set, "the end of the put")
+    plc.answering.set()
+    d.good("o6", 9, 6)
+    ioc.wait_alarm("o1", "INVALID", "WRITE", "link changed: value maybe written")
+    assert [plc.holding[BASE + i] for i in (1, 10)] == [7, 0] and ioc.get("o1.RPRO") == 0
+    d.good("o1", 9, 10)

@@ -452,6 +452,40 @@ static void testCancel(void)
     plcImageDestroy(image);
 }
 
+/* One whose place its record leaves, while its value, which was refused, waits for its second try. */
+static void testWithdraw(int when)
+{
+    static const char *const whens[] = {"before a reconnect", "when it waits to be put again",
+                                        "when that is on its way"};
+    plcImage *image = plcImageCreate(4);
+    epicsUInt8 bytes[1] = {0}, values[4], mask[4] = {0};
+    plcLastPut last = {.offset = 1, .length = 1, .bytes = bytes};
+    plcWritten written = {.last = &last};
+
+    plcImageKeepPuts(image, 1000);
+    plcImageAsk(image, &last);
+    writeTo(image, 0, 1, "A", NULL);
+    plcImageWrite(image, 1, 1, "B", NULL, &written);
+    plcImageTakePuts(image, always, NULL, values, mask);
+    plcImagePutsFail(image, 1, 1, NULL, "refused");
+    plcImagePutsDone(image);
+    if (when)
+        plcImagePutAgain(image, NULL, NULL);
+    if (when == 2)
+        plcImageTakePuts(image, always, NULL, values, mask);
+    plcImageWithdraw(image, &last);
+    if (when == 2)
+        plcImagePutsBack(image);
+    if (!when)
+        plcImagePutAgain(image, NULL, NULL);
+    testOk(takes(image, "AB\0\0", "\xFF\0\0\0"),
+           "a refused put whose record leaves its place %s is not put again, others are", whens[when]);
+    testOk(plcImagePutAgain(image, NULL, NULL) && takes(image, "AB\0\0", "\xFF\0\0\0"),
+           "nor on another connection");
+    plcImageAskNot(image, &last);
+    plcImageDestroy(image);
+}
+
 /* --- Which bits were written: against a model --------------------------------------- */
 
 #define SMALL 12
@@ -857,7 +891,9 @@ static void testPuts(void)
 
 MAIN(imageTest)
 {
-    testPlan(17 + 7 + 13 + 1 + 1 + 2 + 10 + 10 + 3 + 8 + 11 + 4 + 1 + 9 + 3 + 1 + 4);
+    int when;
+
+    testPlan(17 + 7 + 13 + 1 + 1 + 2 + 10 + 10 + 3 + 8 + 11 + 4 + 1 + 9 + 3 + 1 + 4 + 6);
     testDiag("Input");
     testEdges();
     testEdgesSeen();
@@ -873,6 +909,8 @@ MAIN(imageTest)
     testOwed();
     testAsked();
     testCancel();
+    for (when = 0; when < 3; when++)
+        testWithdraw(when);
     testModel();
     testPuts();
     testDiag("Threads");

@@ -206,6 +206,34 @@ static void reconnect(void)
     plcPutsDestroy(p);
 }
 
+/* While what the PLC has lost is put again, what was put since is cancelled, or another value of it
+ * comes. */
+static void cancelledMeanwhile(int sent)
+{
+    const char *what = sent ? "is on its way" : "waits";
+    plcPuts *p = plcPutsCreate(size, 100);
+    plcLastPut who = {.offset = 0, .length = 1, .masked = 1, .mask = "\x01", .bytes = (epicsUInt8[1]){0}};
+    plcPut put = {0, 1, (const epicsUInt8 *)"\x01", (const epicsUInt8 *)"\x01", &who};
+    epicsUInt64 a = add(p, 3, "A", NULL, 1);
+
+    plcPutsAhead(p, "abcdefgh", "\xff\xff\0\0\0\0\0\0");
+    if (sent)
+        plcPutsTake(p, NULL, NULL, values, mask);
+    testOk(plcPutsCancel(p, a) == plcPutNever && plcPutsCount(p) == 1,
+           "what is put again %s: what waits behind it is not made", what);
+    if (sent)
+        plcPutsBack(p);
+    testOk(!strcmp(next(p, always, NULL), "ab......") && plcPutsCount(p) == 0,
+           "and what is put again leaves as a whole");
+    plcPutsUse(p, 1);
+    plcPutsAsk(p, &who);
+    plcPutsAhead(p, "\x01", "\x01");
+    plcPutsAdd(p, &put, 1);
+    testOk(plcPutsCount(p) == 2, "the same value, put by somebody, is one of its own");
+    plcPutsVoidAll(p);
+    plcPutsDestroy(p);
+}
+
 static void tooMany(void)
 {
     plcPuts *p = plcPutsCreate(size, 4);
@@ -469,12 +497,14 @@ MAIN(putsTest)
 {
     unsigned i;
 
-    testPlan(87 + 7 + 5 + 10 + 11 + 4);
+    testPlan(87 + 7 + 5 + 10 + 11 + 4 + 6);
     order();
     bits();
     numbers();
     ended();
     reconnect();
+    cancelledMeanwhile(0);
+    cancelledMeanwhile(1);
     tooMany();
     behind();
     overlay();

@@ -395,6 +395,20 @@ plcPutFate plcImageCancel(plcImage *image, epicsUInt64 number, size_t offset, si
     return fate;
 }
 
+void plcImageWithdraw(plcImage *image, const plcLastPut *last)
+{
+    const epicsUInt8 *bits = last->masked ? last->mask : NULL;
+    size_t i;
+
+    epicsMutexMustLock(image->lock);
+    if (image->puts && last->why[0] && last->bad != PLC_PUT_NEVER) {
+        plcPutsAgainNot(image->puts, last->offset, last->length, bits);
+        for (i = 0; i < last->length; i++)
+            disown(image, last->offset + i, bits ? bits[i] : 0xff);
+    }
+    epicsMutexUnlock(image->lock);
+}
+
 /* --- What became of a put --------------------------------------------------------- */
 
 void plcImageAsk(plcImage *image, plcLastPut *last)

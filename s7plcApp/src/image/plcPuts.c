@@ -203,7 +203,7 @@ static int takesPlace(plcPuts *p, const plcPut *put, int edges)
 {
     entry *e = p->newest[put->offset];
 
-    if (!e || !plcEntrySamePlace(e, put))
+    if (!e || e->again || !plcEntrySamePlace(e, put))
         return 0;
     if (p->away) {
         dropEntry(p, e); /* the new one is the last of all */
@@ -353,7 +353,7 @@ int plcPutsAhead(plcPuts *p, const void *image, const void *mask)
         free(e);
         return 0;
     }
-    e->first = e->last = plcPutsThrough(p) + 1; /* nobody waits for it */
+    e->first = e->last = plcPutsThrough(p) + 1; /* of the first that waits: that is not through */
     e->again = 1;
     ellInsert(&p->waiting, NULL, &e->node);
     if (!p->newest[0])
@@ -431,11 +431,12 @@ void plcPutsEnd(plcPuts *p, const void *mask)
     }
 }
 
+/* What is put again has no number of its own, only one that says how far puts are through. */
 static entry *findNumber(ELLLIST *list, epicsUInt64 number)
 {
     entry *e = (entry *)ellFirst(list);
 
-    while (e && (number < e->first || number > e->last))
+    while (e && (e->again || number < e->first || number > e->last))
         e = (entry *)ellNext(&e->node);
     return e;
 }
@@ -454,6 +455,29 @@ plcPutFate plcPutsCancel(plcPuts *p, epicsUInt64 number)
     if (e->last == number)
         dropEntry(p, e);
     return plcPutNever;
+}
+
+/* Of a list. Under way, it does not wait again. */
+static void againNot(plcPuts *p, ELLLIST *list, size_t offset, size_t length, const void *mask)
+{
+    entry *e, *next;
+
+    for (e = (entry *)ellFirst(list); e; e = next) {
+        next = (entry *)ellNext(&e->node);
+        if (!e->again || !plcEntryWithout(e, offset, length, mask))
+            continue;
+        if (list == &p->waiting)
+            unlinkEntry(p, e);
+        else
+            ellDelete(list, &e->node);
+        letGo(e);
+    }
+}
+
+void plcPutsAgainNot(plcPuts *p, size_t offset, size_t length, const void *mask)
+{
+    againNot(p, &p->waiting, offset, length, mask);
+    againNot(p, &p->underWay, offset, length, mask);
 }
 
 unsigned plcPutsCount(const plcPuts *p)

@@ -135,6 +135,9 @@ typedef enum {
 /* The put of this number is to be made no more. A newer one that has taken its place is left alone. */
 plcPutFate plcPutsCancel(plcPuts *puts, epicsUInt64 number);
 
+/* What is put again on a new connection leaves these bits out. mask NULL: all of them. */
+void plcPutsAgainNot(plcPuts *puts, size_t offset, size_t length, const void *mask);
+
 /* How many wait or are under way. */
 unsigned plcPutsCount(const plcPuts *puts);
 

@@ -83,8 +83,12 @@ static void cancel(dbCommon *prec, devRecord *dev)
     plcPutFate fate =
         plcStationCancel(dev->station, &dev->mark, dev->offset, dev->length, devMask(dev, mask));
 
-    if (fate == plcPutThrough) /* its own answer has come meanwhile */
-        return;
+    if (fate == plcPutThrough) { /* its own answer has come meanwhile */
+        plcImageWithdraw(dev->image, &dev->last);
+        if (!prec->rpro)
+            return;
+        fate = plcPutNever; /* of the put that was to follow */
+    }
     dev->ends = ends[fate];
     devWarn(prec, "the link has changed while its put waited for the PLC: the old place %s",
             fate == plcPutNever ? "was not written" : "may have been written");
@@ -92,8 +96,12 @@ static void cancel(dbCommon *prec, devRecord *dev)
 
 const char *devPutWithdraw(dbCommon *prec, devRecord *dev)
 {
-    if (!plcStationAcknowledges(dev->station) || !plcImageWaits(dev->image, &dev->last))
+    if (!plcStationAcknowledges(dev->station))
         return NULL;
+    if (!plcImageWaits(dev->image, &dev->last)) {
+        plcImageWithdraw(dev->image, &dev->last);
+        return NULL;
+    }
     dev->mark.number = dev->last.number;
     cancel(prec, dev);
     return dev->ends;
@@ -118,6 +126,7 @@ void devPutAbandon(devRecord *dev)
         *pulse = 0; /* the end of the pulse would go to the new place */
     devPutLeave(dev);
     cancel(prec, dev);
+    prec->rpro = FALSE; /* what was put meanwhile would go to the new place */
     finish(prec);
     if (pulse)
         *pulse = length;
