@@ -315,6 +315,8 @@ static const char *titleOf(size_t i, const char *what)
     return title;
 }
 
+#define OUTPUTS 10
+
 static int isInput(size_t i)
 {
     return strcmp(linkField(changes[i].record), "INP") == 0;
@@ -347,6 +349,17 @@ static void works(plcStation *station, size_t i, const char *name, int second,
     isOutput(station, second ? 16 : 0, changes[i].bytes, titleOf(i, what));
 }
 
+/* An output's LINK alarm ends with its link, not with its next put. */
+static void linkEnds(size_t i, const char *name, const char *stat)
+{
+    char pv[40];
+
+    if (isInput(i))
+        return;
+    epicsSnprintf(pv, sizeof(pv), "%s.STAT", name);
+    isValue(pv, stat, titleOf(i, "has no LINK alarm any more"));
+}
+
 static void testChange(plcStation *station, size_t i, const char *name)
 {
     char pv[40];
@@ -369,6 +382,7 @@ static void testChange(plcStation *station, size_t i, const char *name)
     epicsSnprintf(pv, sizeof(pv), "%s.STAT", name);
     isValue(pv, "LINK", titleOf(i, "has a LINK alarm with a bad link"));
     put(linkOf(i, name), changes[i].first);
+    linkEnds(i, name, "NO_ALARM");
     works(station, i, name, 0, "works again with a good link");
 }
 
@@ -400,6 +414,7 @@ static void testChanges(void)
         testChange(station, i, name);
         epicsSnprintf(name, sizeof(name), "bad%lu", (unsigned long)i);
         put(linkOf(i, name), changes[i].second);
+        linkEnds(i, name, "UDF");
         works(station, i, name, 1, "comes to life when its bad link becomes good");
     }
     iocEnd();
@@ -509,7 +524,7 @@ static void testNonsense(void)
 MAIN(recordTestLinks)
 {
     testPlan(
-        (int)(6 * COUNT(refused) + 2 * COUNT(warned) + 1 + 11 * COUNT(changes) + 12));
+        (int)(6 * COUNT(refused) + 2 * COUNT(warned) + 1 + 11 * COUNT(changes) + 2 * OUTPUTS + 12));
     testMessages();
     testChanges();
     testScan();

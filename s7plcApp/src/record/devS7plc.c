@@ -324,6 +324,19 @@ void devAsk(devRecord *dev, plcLastPut *last, size_t offset, size_t length, cons
     plcImageAsk(dev->image, last);
 }
 
+/* The alarm that a refused link has left behind ends with a good one, not only with the next put. */
+static void linkIsGood(dbCommon *prec)
+{
+    if (prec->stat != LINK_ALARM)
+        return;
+    plcClearMessage(prec);
+    if (prec->udf)
+        recGblSetSevr(prec, UDF_ALARM, prec->udfs);
+    devStamp(prec);
+    if (recGblResetAlarms(prec))
+        db_post_events(prec, NULL, DBE_ALARM);
+}
+
 /* Binds the record to its place. A refused link leaves it with the reason and INVALID. */
 static void attach(dbCommon *prec)
 {
@@ -352,6 +365,8 @@ static void attach(dbCommon *prec)
         enlist(prec, dev);
         if (!out && dev->statistic == NULL)
             devSilentJoin(dev, running);
+        if (out && running)
+            linkIsGood(prec);
         return;
     }
     dev->station = NULL;
