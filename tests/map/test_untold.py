@@ -116,6 +116,13 @@ def test_width_in_tables(tmp_path):
     assert "B MW20 INT" in result.out and "A M" not in result.out
 
 
+def test_bit_of_an_offset(tmp_path):
+    """An offset with bit 9 is left out, with its line"""
+    (tmp_path / "o.txt").write_text("Offset\tName\tType\n0.0\tA\tBOOL\n0.9\tB\tBOOL\n")
+    result = plcmap("import", tmp_path / "o.txt", "--db", "X=10")
+    assert 'o.txt:3: warning: "0.9" is no offset: left out' in result.err and "B DB10" not in result.out
+
+
 def test_tags_like_addresses(tmp_path):
     """A Rockwell tag that is called like an S7 address stays that tag"""
     (tmp_path / "r.csv").write_text(forms.ROCKWELL_CSV.replace("Start", "IW20"))

@@ -73,8 +73,11 @@ def read_cells(path, report):
         lost = found.lost.setdefault(name, {})
         for merged in getattr(tab, "merged_cells", None).ranges if tab.merged_cells else []:
             if merged.min_row > 1:
-                for row, column in list(merged.cells)[1:]:
-                    lost[row, column] = "merged cells %s: only the first one has the value" % merged
+                why = "merged cells %s: only the first one has the value" % merged
+                for row in range(merged.min_row, merged.max_row + 1):
+                    lost.update({(row, column): why for column in
+                                 range(merged.min_col, min(merged.max_col, width) + 1)})
+                lost.pop((merged.min_row, merged.min_col), None)
         for line, cells in enumerate(tab.iter_rows(max_col=width, values_only=True), 1):
             texts = []
             for number, value in enumerate(cells, 1):

@@ -224,7 +224,7 @@ _TYPE_HEADS = ("data type", "datatype", "type", "datentyp", "type de donn\u00e9e
                "tipo di dati", "typ")
 _OFFSET_HEADS = ("offset", "address", "adresse", "desplazamiento", "d\u00e9calage", "versatz")
 _COMMENT_HEADS = ("comment", "kommentar", "commentaire", "comentario", "commento")
-_OFFSET = re.compile(r"^[+=*]?\s*(\d+)(?:[.,](\d))?$")
+_OFFSET = re.compile(r"^[+=*]?\s*(\d+)(?:[.,]([0-7]))?$")
 
 
 def _columns(cells):

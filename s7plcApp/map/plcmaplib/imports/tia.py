@@ -37,13 +37,14 @@ def read_workbook(cells, path, report):
     found = find_tags(cells)
     source = Source("TIA tag table (.xlsx%s)" % (
         ": " + ", ".join(tab for tab, _, _ in found) if len(found) > 1 else ""), family="tia")
+    used = TAG_COLUMNS + ("Comment",)
     for tab, header, rows in found:
-        once(header, TAG_COLUMNS + ("Comment",), Place(path, 1, 1, tab), report)
+        once(header, used, Place(path, 1, 1, tab), report)
         columns = {name: number for number, name in enumerate(header, 1)}
         for line, texts in rows:
             row = {n: clean(texts[i - 1]) if i <= len(texts) else "" for n, i in columns.items()}
             place = Place(path, line, columns["Name"], tab)
-            if any(row.values()) and whole_row(line, [columns[c] for c in TAG_COLUMNS],
+            if any(row.values()) and whole_row(line, [columns[c] for c in used if c in columns],
                                                cells.lost[tab], place, report):
                 comment = row.get("Comment", "")
                 add_symbol(source, row["Name"], row["Logical Address"], row["Data Type"],
