@@ -271,7 +271,6 @@ eipPlc *eipPlcCreate(const char *command, const char *name, const char *address,
     plcStationConfig config = {.name = name, .policy = &plcSingle, .recvTimeout = 2000,
                                .sendInterval = 1000, .transport = &eipTransport};
     epicsInt32 port;
-    char error[200];
     eipPlc *plc;
 
     if (!plcConfigureIsNew(command, name) ||
@@ -287,6 +286,7 @@ eipPlc *eipPlcCreate(const char *command, const char *name, const char *address,
     config.port = port;
     config.inSize = config.outSize = setup->imageSize;
     config.transportOwn = &plc;
+    config.follows = 1;
     epicsMutexMustLock(lock);
     ellAdd(&plcs, &plc->node);
     epicsMutexUnlock(lock);
@@ -295,7 +295,5 @@ eipPlc *eipPlcCreate(const char *command, const char *name, const char *address,
         destroy(plc);
         return NULL;
     }
-    plcStationSetOption(plc->station, "track", "on", error, sizeof(error));
-    plcStationSetOption(plc->station, "scan", "changed", error, sizeof(error));
     return plc;
 }

@@ -5,6 +5,8 @@ import string
 
 import pytest
 
+from ports import free_port
+
 DB = """
 record(longin, "$(P)in") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT32") field(SCAN, "I/O Intr") }
 """
@@ -110,6 +112,14 @@ def test_after_ioc_init(new_peer, new_ioc):
     ioc.wait_value("put", 7)
     ioc.process_record("in")
     assert ioc.alarm("in") == ("INVALID", "LINK", 'no PLC "PLC"')
+
+
+def test_etherip_after_ioc_init(new_ioc):
+    """a controller that is defined after iocInit has the options of tags, as one that was defined before"""
+    ioc = new_ioc(f'drvEtherIP_define_PLC("early", "127.0.0.1:{free_port()}", 0)', "")
+    ioc.command(f'drvEtherIP_define_PLC("late", "127.0.0.1:{free_port()}", 0)')
+    options = [re.search(r"options: .*", ioc.command(f"s7plcReport {name} 2"))[0] for name in ("early", "late")]
+    assert options[0] == options[1] and "scan=changed track=on" in options[1]
 
 
 def malformed():

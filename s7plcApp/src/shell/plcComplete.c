@@ -54,7 +54,8 @@ static char **complete(const char *word)
     matches m = {word, NULL, 0};
 
     line += strspn(line, " \t");
-    if (strncmp(line, "s7plc", 5) && strncmp(line, "phoenixplc", 10))
+    if (strncmp(line, "s7plc", 5) && strncmp(line, "phoenixplc", 10) &&
+        strncmp(line, "drvEtherIP_", 11))
         return previous ? previous(word) : NULL;
     plcStationEach(addMatch, &m);
     return m.list;

@@ -245,6 +245,11 @@ plcStation *plcStationCreate(const plcStationConfig *config)
     s->logLevel = s->options.log;
     s->options.recvTimeout = config->recvTimeout;
     s->options.sendInterval = config->sendInterval;
+    if (config->follows) {
+        s->options.track = 1;
+        s->options.scan = plcScanChanged;
+        plcScanByRange(s->inScan, 1);
+    }
     s->optionsChanged = 1;
     s->leader = s->lastLeader = s->stats.leader = -1;
     s->stats.state = config->address[0][0] ? plcStateConnecting : plcStateNoAddress;

@@ -55,6 +55,7 @@ typedef struct plcStationConfig {
     void *policyPvt;
     const plcTransport *transport; /* by which all data goes */
     const void *transportOwn; /* its own setup; the transport makes a copy */
+    int follows;            /* 1: the options scan=changed and track=on to begin with */
 } plcStationConfig;
 
 #define PLC_BLOCK_MAX (16u << 20) /* bytes: a larger block is a typing error */
