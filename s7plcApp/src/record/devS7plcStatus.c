@@ -8,6 +8,7 @@
 #include <alarm.h>
 #include <biRecord.h>
 #include <dbAccess.h>
+#include <dbEvent.h>
 #include <stringoutRecord.h>
 
 #include "plcCompat.h"
@@ -45,18 +46,22 @@ static long writeAddr(dbCommon *common)
     return 0;
 }
 
-/* VAL shows the address from s7plcConfigure, unless the database or autosave set one. */
+/* VAL shows the address from s7plcConfigure, unless the database or autosave set one; that of the
+ * PLC of a link that changes. */
 static int prepareAddr(dbCommon *common, devRecord *dev, const plcLink *link,
                        plcLinkError *error)
 {
     stringoutRecord *prec = (stringoutRecord *)common;
 
     (void)link, (void)error;
-    if (prec->val[0] == 0) {
-        plcStationAddress(dev->station, prec->val, sizeof(prec->val));
-        prec->udf = FALSE;
+    if (prec->val[0] && !interruptAccept)
+        return 0;
+    plcStationAddress(dev->station, prec->val, sizeof(prec->val));
+    prec->udf = FALSE;
+    if (interruptAccept)
+        db_post_events(common, prec->val, DBE_VALUE | DBE_LOG);
+    else
         prec->sevr = NO_ALARM; /* it has a value now */
-    }
     return 0;
 }
 
