@@ -343,3 +343,54 @@ def test_caput_while_away(pair):
     peer.power_on()
     ioc.wait_alarm("out", "NO_ALARM")
     assert peer.wait_block(b"\0\0\0\x07")
+
+
+def test_link_changes_in_pulse(new_peer, new_ioc):
+    """the link of a bo with HIGH changes during its pulse: the pulse ends at its old place, and nothing is written to the new one"""
+    peer = new_peer(8, 4)
+    ioc = new_ioc(peer.configure(), 'record(bo, "$(P)pulse") { field(DTYP, "S7plc") field(OUT, "@PLC/0 T=BYTE B=0") field(HIGH, "1") }\n'
+                                    'record(longout, "$(P)byte") { field(DTYP, "S7plc") field(OUT, "@PLC/1 T=BYTE") }')
+    peer.wait_connected()
+    ioc.put("byte", 0xFF)
+    ioc.put("pulse", 1)
+    until(lambda: b"\x01\xff\0\0" in peer.blocks(), "the pulse")
+    ioc.put("pulse.OUT", "@PLC/1 T=BYTE B=3")
+    assert peer.wait_block(b"\0\xff\0\0")
+    until(lambda: ioc.get("pulse") == 0, "the end of the pulse")
+    ioc.put("byte", 0xFE)
+    assert peer.wait_block(b"\0\xfe\0\0")
+    assert b"\0\xf7\0\0" not in peer.blocks()
+    assert ioc.alarm("pulse") == ("NO_ALARM", "NO_ALARM", "")
+    ioc.put("pulse", 1)
+    assert peer.wait_block(b"\0\xf6\0\0")
+
+
+def test_simulated_while_lost(new_peer, new_ioc):
+    """an input with SIMM=YES and I/O Intr does not get the alarm of a PLC that is lost"""
+    peer = new_peer(8, 4)
+    ioc = new_ioc(peer.configure(), """
+record(longin, "$(P)sim") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT32") field(SCAN, "I/O Intr") field(SIMM, "YES") field(SIMS, "MINOR") field(SVAL, "7") }
+record(longin, "$(P)off") { field(DTYP, "S7plc") field(INP, "@PLC/0 T=INT32") field(SCAN, "I/O Intr") field(DISA, "1") }
+""")  # the second does not process either, and is looked at after the first
+    peer.wait_connected()
+    peer.send(block(42))
+    ioc.wait_alarm("sim", "MINOR")
+    peer.power_off()
+    ioc.wait_log("cannot connect")
+    until(lambda: ioc.message("off") == "connection refused by PLC", "the reason")
+    assert ioc.alarm("sim")[0] == "MINOR"
+
+
+def test_address_of_another_link(new_peer, new_ioc):
+    """S7plc addr whose link changes shows the address of the other PLC; after a bad link, too, and without an alarm"""
+    first, second = new_peer(8, 4), new_peer(8, 4)
+    ioc = new_ioc(first.configure() + "\n" + second.configure(name="Q"), DB)
+    shown = [f"127.0.0.1:{peer.port}" for peer in (first, second)]
+    assert ioc.text("addr") == shown[0]
+    ioc.put("addr.OUT", "@Q")
+    assert ioc.text("addr") == shown[1]
+    ioc.put("addr.OUT", "@Nowhere")
+    ioc.wait_alarm("addr", "INVALID", "LINK")
+    ioc.put("addr.OUT", "@PLC")
+    ioc.wait_alarm("addr", "NO_ALARM")
+    assert ioc.text("addr") == shown[0]

@@ -419,3 +419,45 @@ def test_link_changes_before_second_put(new_modbus, new_ioc):
     ioc.wait_alarm("o1", "INVALID", "WRITE", "link changed: value maybe written")
     assert [plc.holding[BASE + i] for i in (1, 10)] == [7, 0] and ioc.get("o1.RPRO") == 0
     d.good("o1", 9, 10)
+
+
+@pytest.mark.parametrize("complete", ["acknowledged", "sent"])
+def test_link_changes_in_pulse(new_modbus, new_ioc, complete):
+    """the link of a bo with HIGH changes during its pulse (complete={complete}): the pulse ends at its old place, and nothing is written to the new one"""
+    d = Device(new_modbus, new_ioc, f"complete {complete}", "readPeriod 0")
+    plc, ioc = d.plc, d.ioc
+    plc.coils[COILS + 3] = True
+    ioc.put("pulse.HIGH", 1)
+    ioc.put("pulse", 1)
+    ioc.put("pulse.OUT", "@PLC/100 T=UINT8 B=3")
+    until(lambda: any(COILS in r.addresses() and not r.values[0] for r in plc.writes()), "the end of the pulse")
+    until_equal(lambda: ioc.get("pulse"), 0)
+    d.good("o6", 8, 6)
+    assert (plc.coils[COILS], plc.coils[COILS + 3]) == (False, True)
+    assert ioc.alarm("pulse") == ("NO_ALARM", "NO_ALARM", "")
+    plc.coils[COILS + 3] = False
+    mark = plc.mark()
+    ioc.put("pulse", 1)
+    until(lambda: [bool(r.values[0]) for r in plc.writes(mark) if COILS + 3 in r.addresses()] == [True, False],
+          "a pulse at the new place")
+
+
+def test_link_changes_in_pulse_while_away(new_modbus, new_ioc):
+    """the same while the device is away: WRITE, and a line with the place that stays 1; the 1 is not put again"""
+    d = Device(new_modbus, new_ioc, "readPeriod 0")
+    plc, ioc = d.plc, d.ioc
+    ioc.put("pulse.HIGH", 300)
+    ioc.put("pulse", 1)
+    until(lambda: plc.coils[COILS], "the pulse")
+    plc.power_off()
+    ioc.wait_log("disconnected")
+    ioc.put("pulse.OUT", "@PLC/100 T=UINT8 B=3")
+    ioc.wait_alarm("pulse", "INVALID", "WRITE", "link changed: the old place stays 1")
+    ioc.wait_log("the link has changed during its pulse, and 0 was not written (connection refused by PLC): "
+                 "@PLC/100 T=UINT8 B=0 stays 1")
+    plc.coils[COILS] = False
+    ioc.put("o6", 8)
+    plc.power_on()
+    until_equal(lambda: plc.holding[BASE + 6], 8)
+    assert (plc.coils[COILS], plc.coils[COILS + 3]) == (False, False)
+    assert ioc.alarm("pulse")[:2] == ("INVALID", "WRITE")

@@ -127,8 +127,7 @@ void plcImagePutsGiveUp(plcImage *image, const void *mask);
 plcPutFate plcImageCancel(plcImage *image, epicsUInt64 number, size_t offset, size_t length,
                           const void *mask);
 
-/* Who asks leaves his place: when his last put has failed there, it is not put again on another
- * connection. */
+/* Who asks leaves his place: what he has put there is not put again on another connection. */
 void plcImageWithdraw(plcImage *image, const plcLastPut *last);
 
 /* --- What became of a put: see plcLastPut ------------------------------------------------- */

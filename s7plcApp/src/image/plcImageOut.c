@@ -401,7 +401,7 @@ void plcImageWithdraw(plcImage *image, const plcLastPut *last)
     size_t i;
 
     epicsMutexMustLock(image->lock);
-    if (image->puts && last->why[0] && last->bad != PLC_PUT_NEVER) {
+    if (image->puts) {
         plcPutsAgainNot(image->puts, last->offset, last->length, bits);
         for (i = 0; i < last->length; i++)
             disown(image, last->offset + i, bits ? bits[i] : 0xff);

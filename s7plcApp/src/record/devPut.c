@@ -77,15 +77,41 @@ static const char *const ends[] = {
     [plcPutMaybe] = "link changed: value maybe written",
 };
 
+/* The 0 at the end of a pulse, to the old place. Returns 0; or -1 and why it does not get there. */
+static int putOff(devRecord *dev, char reason[PLC_REASON_SIZE])
+{
+    static const epicsUInt8 zeros[DEV_SCALAR];
+    epicsUInt8 mask[DEV_SCALAR];
+    int follows = dev->shown != NULL;
+
+    if (plcStationAcknowledges(dev->station) && plcStationKeeps(dev->station, follows, reason))
+        return -1;
+    return plcStationPut(dev->station, dev->offset, dev->length, zeros, devMask(dev, mask), reason,
+                         follows, NULL);
+}
+
+/* Returns the words for the alarm of a record that leaves a 1 behind. */
+static const char *leaveOn(dbCommon *prec, devRecord *dev, const char *reason)
+{
+    plcImageWithdraw(dev->image, &dev->last);
+    devWarn(prec, "the link has changed during its pulse, and 0 was not written (%s): @%s stays 1",
+            reason, devLinkText(prec));
+    return "link changed: the old place stays 1";
+}
+
 static void cancel(dbCommon *prec, devRecord *dev)
 {
+    char reason[PLC_REASON_SIZE];
     epicsUInt8 mask[DEV_SCALAR];
     plcPutFate fate =
         plcStationCancel(dev->station, &dev->mark, dev->offset, dev->length, devMask(dev, mask));
 
     if (fate == plcPutThrough) { /* its own answer has come meanwhile */
-        plcImageWithdraw(dev->image, &dev->last);
-        if (!prec->rpro)
+        if (plcImageWhyNot(dev->image, &dev->last, reason))
+            plcImageWithdraw(dev->image, &dev->last);
+        else if (dev->pulses && putOff(dev, reason))
+            dev->ends = leaveOn(prec, dev, reason);
+        if (!prec->rpro || dev->ends)
             return;
         fate = plcPutNever; /* of the put that was to follow */
     }
@@ -96,15 +122,21 @@ static void cancel(dbCommon *prec, devRecord *dev)
 
 const char *devPutWithdraw(dbCommon *prec, devRecord *dev)
 {
-    if (!plcStationAcknowledges(dev->station))
+    char reason[PLC_REASON_SIZE] = "", why[PLC_REASON_SIZE];
+
+    dev->ended |= dev->pulses;
+    if (dev->pulses && putOff(dev, reason) == 0)
         return NULL;
-    if (!plcImageWaits(dev->image, &dev->last)) {
+    if (plcStationAcknowledges(dev->station) && plcImageWaits(dev->image, &dev->last)) {
+        dev->mark.number = dev->last.number;
+        cancel(prec, dev);
+        return dev->ends;
+    }
+    if (plcImageWhyNot(dev->image, &dev->last, why)) {
         plcImageWithdraw(dev->image, &dev->last);
         return NULL;
     }
-    dev->mark.number = dev->last.number;
-    cancel(prec, dev);
-    return dev->ends;
+    return dev->pulses ? leaveOn(prec, dev, reason) : NULL;
 }
 
 void devPutAbandon(devRecord *dev)

@@ -8,9 +8,11 @@
 
 #include <alarm.h>
 #include <dbAccess.h>
+#include <dbLink.h>
 #include <epicsStdio.h>
 #include <epicsTime.h>
 #include <errlog.h>
+#include <link.h>
 
 #include "plcCompat.h"
 #include "devS7plc.h"
@@ -29,6 +31,15 @@ void devWarn(dbCommon *prec, const char *format, ...)
     va_end(args);
     errlogPrintf("%s %s \"%s\" warning: %s\n", support->dtyp, support->shape.recordType,
                  prec->name, text);
+}
+
+const char *devLinkText(dbCommon *prec)
+{
+    const struct link *link = dbGetDevLink(prec);
+
+    if (!link || link->type != INST_IO || !link->value.instio.string)
+        return "";
+    return link->value.instio.string;
 }
 
 /* --- Alarms and time stamps ----------------------------------------------------------- */

@@ -16,6 +16,7 @@
 #include <dbScan.h>
 #include <epicsStdio.h>
 #include <epicsString.h>
+#include <epicsThread.h>
 #include <epicsTime.h>
 #include <errlog.h>
 #include <link.h>
@@ -67,15 +68,6 @@ static char *shortReason(const plcLinkError *error)
 }
 
 /* --- From the link to a place in a block -------------------------------------------- */
-
-static const char *linkText(dbCommon *prec)
-{
-    const struct link *link = dbGetDevLink(prec);
-
-    if (!link || link->type != INST_IO || !link->value.instio.string)
-        return "";
-    return link->value.instio.string;
-}
 
 int devFindStation(devRecord *dev, const char *name, plcLinkError *error)
 {
@@ -341,7 +333,7 @@ static void linkIsGood(dbCommon *prec)
 static void attach(dbCommon *prec)
 {
     devRecord *dev = callocMustSucceed(1, sizeof(*dev), "S7plc record");
-    const char *text = linkText(prec);
+    const char *text = devLinkText(prec);
     plcLinkError error = {0, ""};
     epicsUInt8 bits[DEV_SCALAR];
 
@@ -365,7 +357,7 @@ static void attach(dbCommon *prec)
         enlist(prec, dev);
         if (!out && dev->statistic == NULL)
             devSilentJoin(dev, running);
-        if (out && running)
+        if (running && devSupportOf(prec)->field[0] == 'O')
             linkIsGood(prec);
         return;
     }
@@ -387,13 +379,19 @@ long devInitRecord(dbCommon *prec)
     return devSupportOf(prec)->initStatus;
 }
 
+/* The record whose link changes in this thread, while a pulse runs that began at its old place. */
+static epicsThreadPrivateId pulsing;
+
 /* At iocInit Base calls this before init_record, which does the work then. Never refuses:
  * Base would take the record out of service and forget that it was scanned by I/O Intr.
  */
 static long addRecord(dbCommon *prec)
 {
-    if (running)
-        attach(prec);
+    if (!running)
+        return 0;
+    attach(prec);
+    ((devRecord *)prec->dpvt)->ended = epicsThreadPrivateGet(pulsing) == prec;
+    epicsThreadPrivateSet(pulsing, NULL);
     return 0;
 }
 
@@ -404,6 +402,8 @@ static long delRecord(dbCommon *prec)
 
     if (running && dev && dev->last.bytes && !prec->pact && !plcStationStops(dev->station))
         devAwayLeave(prec, dev, devPutWithdraw(prec, dev));
+    if (running)
+        epicsThreadPrivateSet(pulsing, dev && dev->ended ? prec : NULL);
     release(dev);
     prec->dpvt = NULL;
     return 0;
@@ -416,6 +416,8 @@ long devInit(int after)
     /* after an IOC that has ended its scan lists are gone */
     if (!after && (running || !neverScan))
         scanIoInit(&neverScan);
+    if (!after && !pulsing)
+        pulsing = epicsThreadPrivateCreate();
     if (!after)
         devExtend(&extension);
     running = after;

@@ -91,6 +91,8 @@ typedef struct devRecord {
     int cut;           /* the last value did not fit: what is written is another one */
     /* outputs that are active until the PLC has taken or refused their put */
     plcPutMark mark; /* of the last put; number 0: the record does not wait */
+    int pulses;       /* bo: its last put is a 1, at whose end the record itself puts a 0; */
+    int ended;        /* that 0 comes still, and is not written: it began at the place before this one */
     const char *ends; /* with this alarm it ends, since its link changes; NULL: it does not */
     /* outputs whose value waits for the PLC, or was refused by it */
     epicsEnum16 raised; /* the record has this alarm for it (COMM, WRITE; 0: none), instead of */
@@ -268,6 +270,9 @@ const void *devMask(const devRecord *dev, epicsUInt8 bytes[DEV_SCALAR]);
 
 /* Makes room for the alarm that is about to be raised, where the present one is only UDF. */
 void devOverUndefined(dbCommon *prec);
+
+/* INP or OUT as it stands there, without its @. */
+const char *devLinkText(dbCommon *prec);
 
 /* A one-line warning about the record; it works all the same. */
 void devWarn(dbCommon *prec, const char *format, ...) EPICS_PRINTF_STYLE(2, 3);

@@ -151,9 +151,33 @@ static void forgetPut(dbCommon *prec, devRecord *dev)
 {
     const devSupport *support = devSupportOf(prec);
 
-    dev->refused = dev->cut = 0;
+    dev->refused = dev->cut = dev->ended = 0;
     dev->mark.number = 0;
     dev->last.goesOn = support->pulseEnds && support->pulseEnds(prec);
+}
+
+static int isOn(const devRecord *dev)
+{
+    size_t i;
+
+    for (i = 0; i < dev->length; i++)
+        if (dev->last.bytes[i])
+            return 1;
+    return 0;
+}
+
+/* The 0 of a pulse that has begun at another place, and has ended there: nobody has put it here, and
+ * the alarm stays until somebody puts. */
+static long pulseOfBefore(dbCommon *prec, devRecord *dev)
+{
+    if (dev->shown) {
+        dev->known = 0; /* VAL is to be what the PLC shows here, not that 0 */
+        plcStationTell(dev->station);
+    }
+    if (prec->stat != WRITE_ALARM)
+        return 0;
+    recGblSetSevrMsg(prec, WRITE_ALARM, INVALID_ALARM, "%s", plcMessage(prec));
+    return -1;
 }
 
 long devWrite(dbCommon *prec)
@@ -175,9 +199,15 @@ long devWrite(dbCommon *prec)
         status = devRefused(prec, dev);
         return status || dev->own ? status : devUnseen(prec, dev);
     }
+    if (dev && dev->ended && dev->station && support->pulseEnds && support->pulseEnds(prec)) {
+        dev->ended = 0;
+        return pulseOfBefore(prec, dev);
+    }
     if (dev)
         forgetPut(prec, dev);
     status = support->write(prec);
+    if (dev && dev->station && support->pulse)
+        dev->pulses = *support->pulse(prec) > 0 && !dev->refused && isOn(dev);
     if (dev && dev->mark.number && !support->delays && devPutWait(prec, dev))
         return 0;
     if (dev && dev->station && !status)

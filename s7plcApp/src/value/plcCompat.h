@@ -9,7 +9,9 @@
 #ifdef HAS_ALARM_MESSAGE
 /* The words of the alarm before stay in AMSG unless a new alarm brings its own. */
 #define plcClearMessage(prec) ((void)((prec)->nsev == NO_ALARM ? (prec)->namsg[0] = 0 : 0))
+#define plcMessage(prec) ((prec)->amsg)
 #else
+#define plcMessage(prec) ""
 static inline void plcNoMessage(const char *format, ...)
 {
     (void)format;
