@@ -128,6 +128,9 @@ plcAsynView *plcAsynViewOf(plcAsynPort *port, asynUser *user, plcAsynFace face)
     isNew = !place->views[face];
     view = plcAsynPlaceView(place, face, port->name);
     epicsMutexUnlock(port->lock);
+    if (isNew && view->doubt)
+        errlogSevPrintf(errlogMinor, "s7plcAsyn %s \"%s\" warning: %s\n", port->name,
+                        place->text, view->doubt);
     if (isNew && !view->refused && place->output && !view->hasReadback &&
         plcStationHeader(port->station))
         errlogSevPrintf(

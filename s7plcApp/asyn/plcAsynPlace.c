@@ -9,7 +9,6 @@
 #include <cantProceed.h>
 #include <epicsStdio.h>
 #include <epicsString.h>
-#include <errlog.h>
 
 #include "plcAsynPlace.h"
 
@@ -341,8 +340,7 @@ plcAsynView *plcAsynPlaceView(plcAsynPlace *place, plcAsynFace face, const char 
     else
         enlist(view, port);
     if (!view->refused && doubt.text[0])
-        errlogSevPrintf(errlogMinor, "s7plcAsyn %s \"%s\" warning: %s\n", port,
-                        place->text, doubt.text);
+        view->doubt = epicsStrDup(doubt.text);
     place->views[face] = view;
     return view;
 }

@@ -43,6 +43,7 @@ typedef struct plcAsynView {
     struct plcAsynPlace *place;
     plcAsynFace face;
     char *refused;       /* why this interface does not fit the place; NULL: it fits */
+    char *doubt;         /* what looks like a mistake though it fits; NULL: nothing */
     const plcType *type; /* of one element */
     size_t offset;       /* bytes from the start of the block */
     size_t length;       /* bytes of the value, of the string, of the array */

@@ -198,11 +198,145 @@ def test_knows_nothing_of():
 
 
 def test_workers_are_apart(sources):
-    """the worker of Modbus touches no input image, no record and no log: the station does"""
+    """the worker of Modbus touches no input image, no record and no log, the station does; none but it asks by libmodbus"""
     workers = [s for s in sources if re.fullmatch(r"plcModbus(Ask|Turns|Reads|Writes)?\.[ch]", s.name)]
     assert len(workers) == 6
     what = re.compile("|".join(NOTHING_OF[word] for word in ("records", "the log", "stations")) +
                       r"|plcImage(Publish|Invalidate|Read|Peek|Reason|Valid)\w*\(")
     wrong = [f"{s.where}: {m.group()}" for s in workers for m in [what.search("\n".join(
         line for line in s.text.splitlines() if line.startswith("#include")) + s.code)] if m]
+    asking = {s.name for s in sources if re.search(r"\bmodbus_(read|write|mask|send|receive|report)\w*\(", s.code)}
+    assert asking and asking <= {s.name for s in workers}
     assert not wrong, "\n".join(wrong)
+
+
+PAGE = TOP / "docs/architecture.md"
+
+
+def test_files_are_told(sources):
+    """each source file stands in docs/architecture.md, and each file of its tables is there"""
+    page = PAGE.read_text()
+    rows = [line.strip("|").split("|")[0] for line in page.splitlines() if line.startswith("| `") and line.count("|") == 4]
+    told = {name for row in rows for name in re.findall(r"`([\w/.]+)`", row)}
+    files = {source.path.stem: source for source in sources if source.path.suffix == ".c" and source.folder != "pair"}
+    assert not set(files) - {name.rpartition("/")[2] for name in told}
+    core = {name for name in told if "/" in name and not name.endswith("/")}
+    missing = {name for name in core if not any((TOP / "s7plcApp" / folder / (name + end)).is_file()
+                                                for folder in ("src", "") for end in (".c", ".h", ""))}
+    assert len(core) > 80 and not missing
+    order = re.search(r"the floors of the library `s7plc`, from the ground up: ([^;]*);", page)[1]
+    assert ["src/" + folder for folder in re.findall(r"`(\w+)`", order)] == CORE
+
+
+def test_names(sources):
+    """each name of the code that docs/architecture.md tells is in the sources, a function in the file told with it"""
+    page = PAGE.read_text()
+    code = {source.name: source.code for source in sources}
+    words = set(re.findall(r"\w+", "\n".join(code.values())))
+    names = {name for name in re.findall(r"`(\w+)`", page) if re.match(r"(plc|eip|dev|drv|pair|s7plc)[A-Z](?!\w*Test$)", name)} - {"plcSim", "s7plcDNS"}
+    stems = {name.rpartition(".")[0] for name in code}
+    unknown = names - words - stems
+    assert len(names) > 60 and not unknown
+    told = [(name, file) for listed, file in re.findall(r"((?:`\w+`(?:, | and )?)+)\s*\(`(\w+\.c)`\)", page)
+            for name in re.findall(r"`(\w+)`", listed)]
+    wrong = [(name, file) for name, file in told if not re.search(rf"^[\w \t*]*\b{name}\(", code[file], re.M)]
+    assert len(told) > 12 and not wrong
+
+
+def test_order_in_station(uses):
+    """within station the files stand one above the other as docs/architecture.md lists them"""
+    listed = re.search(r"within `station` (`plcStationState` is the lowest[^.]*)\.", PAGE.read_text())[1]
+    order = re.findall(r"`(\w+)`", listed)
+    assert len(order) == 8
+    wrong = [line for user, used, _, line in uses
+             if {user.path.stem, used.path.stem} <= set(order) and order.index(used.path.stem) > order.index(user.path.stem)]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_threads(sources):
+    """each file that starts a thread does it for one of docs/architecture.md's table, by the name there"""
+    table = PAGE.read_text().split("## Threads")[1].split("\n## ")[0]
+    started = {"plcStation": "one per PLC, named as the PLC", "plcAsynPort": "one per asyn port, named as the port",
+               "plcResolver": '"s7plcDNS"', "pairWatch": '"pairWatch"', "plcModbus": '-mb"', "plcModbusRelay": '-mbw"',
+               "eipWorker": '-eip"', "plcAsynTrace": ' trace"'}
+    text = "".join(source.text for source in sources)
+    makers = [source for source in sources if re.search(r"\bepicsThreadCreate\w*\(", source.code)]
+    assert {source.path.stem for source in makers} == set(started)
+    for source in makers:
+        name = started[source.path.stem]
+        assert name.strip('"').strip() in table, name
+        assert name in text if '"' in name else re.search(r"epicsThreadCreate\(\w+->name,", source.code), name
+
+
+FUNCTION = re.compile(r"^(static )?(?!static )[A-Za-z_][\w \t*]*?[ *](\w+)\([^;{}]*?\)\s*\n\{\n(.*?)^\}", re.M | re.S)
+# What may last, or takes locks of Base: the log, scan requests, records, the system.
+LASTS = re.compile(r"errlog\w*|plcStationLog\w*|scanOnce|scanIo(Request|Immediate)|callbackRequest\w*|db(Process|Put\w*|Get\w*|ScanLock)|getaddrinfo|"
+                   r"poll|ppoll|recv|send|read|write|connect|socket|close|pipe2?|posix_spawn\w*|waitpid|epicsThread(Sleep|Create\w*|MustJoin)|"
+                   r"epicsEvent(Must)?Wait\w*|epicsSocket\w+|fopen|printf|modbus_\w+")
+LOCKS = re.compile("epicsMutexMustLock|lockList|enter|plcWorkerEnter")
+# What the last column of the table tells: in a file, what is called: what lasts in it.
+TOLD_TO_LAST = {
+    "plcResolver.c": "epicsThreadCreate: .*", "plcAsynDrvUser.c": "plcAsynPlaceView: write",
+    "plcStation.c": "startThread: .*|plcStationWake: write|plcConnectionClose: epicsSocketDestroy|plcWakeFree: close",
+    "phoenixPair.c": "plcScanRequestAll: .*", "pairWatch.c": r"(makePipe|close|spawn): (pipe2?|close|posix_spawn\w*)",
+    **dict.fromkeys(("eipWorker.c", "plcModbus.c", "plcModbusRelay.c", "plcModbusSocket.c"), r"\w+: (close|epicsSocketDestroy)")}
+
+
+def test_nothing_lasts_under_a_lock(sources):
+    """while a lock is held nothing is logged, requested or processed, nor a system call made that the table does not tell"""
+    functions = {}
+    for source in sources:
+        if source.path.suffix == ".c":
+            for match in FUNCTION.finditer(source.code):
+                functions[(source.name if match[1] else "", match[2])] = (source, match[3], match.start(3))
+    assert len(functions) > 1500
+
+    def calls(source, text):
+        for match in re.finditer(r"(?<![\w.>])(\w+)\s*\(", text):
+            key = (source.name, match[1]) if (source.name, match[1]) in functions else ("", match[1])
+            yield match.start(), match[1], key
+
+    reached = {}
+
+    def reach(key):
+        """The lasting ones that a function reaches."""
+        if key not in reached:
+            reached[key] = set()
+            source, body, _ = functions[key]
+            for _, name, other in calls(source, body):
+                reached[key] |= {name} if LASTS.fullmatch(name) else reach(other) if other in functions else set()
+        return reached[key]
+
+    def unlocks(key):
+        return "epicsMutexUnlock(" in functions[key][1] and not LOCKS.search(functions[key][1])
+
+    wrong, held = [], 0
+    for source, body, start in functions.values():
+        locked = 0
+        for at, name, key in calls(source, body):
+            locked += bool(LOCKS.fullmatch(name)) - (name in ("epicsMutexUnlock", "unlockList") and locked > 0)
+            if locked and not LOCKS.fullmatch(name):
+                held += 1
+                lasting = {name} if LASTS.fullmatch(name) else reach(key) if key in functions and not unlocks(key) else set()
+                wrong += [f"{source.line(start + at)}: {last}" for last in sorted(lasting)
+                          if not re.fullmatch(TOLD_TO_LAST.get(source.name, ""), f"{name}: {last}")]
+                locked -= key in functions and unlocks(key)
+    assert held > 200 and not wrong, "\n".join(wrong)
+
+
+def test_map_modules():
+    """each module of plcmap imports only from those before it in docs/architecture.md"""
+    rows = [line.strip("|").split("|")[0] for line in PAGE.read_text().split("| module in plcmaplib |")[1].split("\n\n")[0].splitlines()
+            if line.startswith("| `")]
+    folder = TOP / "s7plcApp/map/plcmaplib"
+    floors = {name.strip("/"): floor for floor, row in enumerate(rows) for name in re.findall(r"`([\w/]+)`", row)}
+    files = [file for file in sorted(folder.rglob("*.py")) if file.name not in ("__init__.py", "main.py") or file.parent != folder]
+    wrong = []
+    for file in files:
+        own = file.relative_to(folder).parts[0].removesuffix(".py")
+        text, up = file.read_text(), ".." if file.parent != folder else "."
+        used = re.findall(rf"^\s*from {re.escape(up)}(\w+)", text, re.M)
+        for names in re.findall(rf"^\s*from {re.escape(up)} import ([\w, ]+)", text, re.M):
+            used += [name for name in names.split(", ") if name in floors]
+        wrong += [f"{file.relative_to(folder)}: {name}" for name in used if floors[name] > floors[own]]
+    assert len(files) > 25 and not wrong, "\n".join(wrong)
