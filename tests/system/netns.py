@@ -14,7 +14,7 @@ _numbers = itertools.count()
 
 
 def run(*words):
-    subprocess.run([str(w) for w in words], check=True, capture_output=True, text=True)
+    return subprocess.run([str(w) for w in words], check=True, capture_output=True, text=True).stdout
 
 
 class Plant:
@@ -53,7 +53,7 @@ class Plant:
         return ["ip", "netns", "exec", self.spaces[i]]
 
     def inside(self, i, *words):
-        run(*self.wrapper(i), *words)
+        return run(*self.wrapper(i), *words)
 
     def pull(self, i):
         run("ip", "link", "set", self.cable(i), "down")
@@ -66,7 +66,7 @@ class Plant:
         if not shutil.which("iptables"):
             pytest.skip("iptables is not installed")
         try:
-            self.inside(i, "iptables", *words)
+            return self.inside(i, "iptables", *words)
         except subprocess.CalledProcessError as error:
             pytest.skip(f"iptables {' '.join(words)}: {error.stderr.strip()}")
 

@@ -365,6 +365,15 @@ def test_relative_program():
     assert run.returncode == 0 and "  P 127.0.0.1:1: " in run.stdout, run
 
 
+def test_options_of_ether_ip(tmp_path):
+    """eipIoc takes the options of ether_ip's program in place of st.cmd: -v, -p, -m, -d"""
+    (tmp_path / "a.db").write_text('record(ai, "$(X)$(Y)") {}\n')
+    run = subprocess.run([f"bin/{ARCH}/eipIoc", "-v", "4", "-p", "P=127.0.0.1:1,3", "-m", "X=one,Y=two", "-d", tmp_path / "a.db"],
+                         cwd=TOP, input="dbl\ndrvEtherIP_report 0\nexit\n", capture_output=True, text=True,
+                         timeout=60)
+    assert run.returncode == 0 and "\nonetwo\n" in run.stdout and "  P 127.0.0.1:1: " in run.stdout, run
+
+
 @pytest.mark.parametrize("option", ["alive 4", "timestamp 4,DT", "readback 4", "layoutAt 0"])
 def test_options_with_offsets(plant, option):
     """{option}: options that name a place of a block are refused, since a PLC with tags has none"""

@@ -491,6 +491,23 @@ def test_rejected(field, record):
     assert ioc.text("A:PRIMARY") == "FIRST" and not seen.invalid()
 
 
+def test_never_answered(field):
+    """A PLC that never answered ICMP echo though it takes connections is linked: TCP alone tells."""
+    ioc, _, plant = field
+    ioc.exit()
+    plant.firewall(1, "-A", "INPUT", "-p", "icmp", "-j", "DROP")
+    ioc.start()
+
+    def unanswered():
+        return int(re.search(r"^ *(\d+)", plant.firewall(1, "-nvxL", "INPUT").splitlines()[2])[1])
+
+    until(lambda: unanswered() >= 20, "five questions have no answer")
+    assert (ioc.text("A:BACKUP"), ioc.text("A:BACKUP_LINK")) == ("plc-2nd linked", "TCP, ICMP not known")
+    assert ioc.text("A:REACHABLE2") == "not known"
+    plant.firewall(1, "-A", "INPUT", "-p", "tcp", "--dport", "2000", "-j", "REJECT", "--reject-with", "tcp-reset")
+    until_equal(lambda: ioc.text("A:BACKUP"), "plc-2nd unlinked")
+
+
 def test_random_loss(field, record, capsys):
     """One packet in ten is lost: no switch-over, no record INVALID, every put arrives."""
     ioc, _, plant = field

@@ -251,6 +251,20 @@ def test_hmi(pair_of):
     until_equal(lambda: memory(sim), struct.pack(">fhBx8sh2x", 21.5, 400, 4, b"bread", 9))
 
 
+def test_taken_back(pair_of):
+    """what the PLC changes of a put, a start bit taken back or a speed clipped, ends SYNC, and the record follows"""
+    sim, ioc = pair_of()
+    ioc.put("Pump", 0)
+    until_equal(lambda: memory(sim)[6] >> 2 & 1, 0)
+    for turn, (name, value, place, back) in enumerate((("Pump", 1, "DB10.DBX6.2", 0), ("Speed", 500, "DB10.4 INT16", 400)), 2):
+        ioc.put(name, value)
+        until_equal(lambda: values(ioc)[name], value)
+        until(lambda: struct.unpack_from(">h", memory(sim), 4)[0] == 500 if turn == 3 else memory(sim)[6] >> 2 & 1)
+        sim.command(f"hmi {place} {back}")
+        wait_syncs(ioc, turn)
+        until_equal(lambda: values(ioc)[name], back)
+
+
 @pytest.mark.parametrize("moment", ["receive", "check"])
 def test_hmi_during_check(pair_of, moment):
     """the HMI wins when it acts at the moment "{moment}" of the PLC's program"""

@@ -59,7 +59,7 @@ def T(tx_rows=(tx(10, 0, 12, 16),), rx_rows=()):
 
 
 def test_what_it_needs(program):
-    """plc-tables.md: four functions and three data blocks more than without tables, under the numbers of step 3"""
+    """plc-tables.md: four functions and three data blocks more than without tables, all under the numbers of step 3"""
     page = (texts.DOCS / "plc-tables.md").read_text()
     plain = scenarios.document()
     functions = [set(re.findall(r"^FUNCTION (\w+)", text, re.M)) for text in (plain, TEXT)]
@@ -68,6 +68,9 @@ def test_what_it_needs(program):
     assert set(blocks[1]) - set(blocks[0]) == {"MAP_A", "MAP_B", "MAP"}
     said = {name: int(number) for name, number in re.findall(r"(\w+) DB(\d+)", page.split("**Symbols.**")[1].split("4. **")[0])}
     assert said == blocks[1] == {name: number for name, (number, _) in program.dbs.items()}
+    numbers = dict(re.findall(r"(\w+) (F[BC]\d+)", page.split("**Symbols.**")[1].split("4. **")[0]))
+    have = dict(re.findall(r"^FUNCTION(?:_BLOCK)? (\w+)[^/\n]*// (F[BC]\d+)", TEXT, re.M))
+    assert len(have) == 8 and {name: numbers.get(name) for name in have} == have
 
 
 def test_marks():

@@ -1,4 +1,6 @@
 """docs/testing.md: what it says of the programs that run the tests, from these programs."""
+import importlib.machinery
+import importlib.util
 import os
 import re
 import subprocess
@@ -26,6 +28,7 @@ def test_steps():
     warnings = (TOP / "configure/CONFIG_SITE").read_text() + "".join(
         file.read_text() for file in (TOP / "configure").glob("CONFIG_PLCLINK*"))
     assert all(flag in warnings for flag in ("-Wall", "-Wextra", "-Werror"))
+    assert "history_size=4" in CHECK.read_text() and 'deadlocks=0\n    [ "$1" != unit-tsan ] || deadlocks=1' in CHECK.read_text()
     assert "-std=c99" in (TOP / "tests/check/c99").read_text() and "-pedantic" in (TOP / "tests/check/c99").read_text()
 
 
@@ -56,6 +59,30 @@ def test_said(tmp_path, said):
               "tests unit-asan; echo status $?")
     shown = subprocess.run(["sh", "-c", script], capture_output=True, text=True, timeout=60).stdout
     assert shown.splitlines()[-1] == f"status {1 if said else 0}" and said in shown
+
+
+@pytest.mark.parametrize("target, status", [("Link", True), ("Range", False)])
+def test_fuzz(tmp_path, monkeypatch, capsys, target, status):
+    """make fuzz: each target runs for so many minutes; what it finds is kept, and told with the command that repeats it: {target}"""
+    shown = subprocess.run(["make", "-n", "-C", TOP, "fuzz", "MINUTES=5"], capture_output=True, text=True, timeout=60).stdout
+    assert "tests/fuzz/run -m 5\n" in shown
+    loader = importlib.machinery.SourceFileLoader("fuzz", str(TOP / "tests/fuzz/run"))
+    fuzz = importlib.util.module_from_spec(importlib.util.spec_from_loader(loader.name, loader))
+    loader.exec_module(fuzz)
+    (tmp_path / "bin").mkdir()
+    program = tmp_path / "bin" / target
+    program.write_text('#!/bin/sh\necho "$@" >&2\n' + ("" if not status else
+                       f'echo "ERROR: it fell" >&2\ntouch {tmp_path}/findings/{target}-crash-1\nexit 77\n'))
+    program.chmod(0o755)
+    monkeypatch.setattr(fuzz, "FINDINGS", tmp_path / "findings")
+    monkeypatch.setattr(fuzz, "targets", lambda: [target, "Other"])
+    monkeypatch.setattr(fuzz, "build", lambda out, jobs: None)
+    monkeypatch.setattr(sys, "argv", ["run", "-m", "5", "-j", "1", "-o", str(tmp_path), target])
+    assert fuzz.main() == status
+    assert "-max_total_time=300" in (tmp_path / f"{target}.log").read_text()
+    table = capsys.readouterr().out.split("\ntarget ")[1]
+    found = tmp_path / "findings" / f"{target}-crash-1"
+    assert (f"again: {program} {found}" in table and "ERROR: it fell" in table) == found.exists() == status
 
 
 @pytest.mark.parametrize("program", ["blockStressTest", "pairStressTest", "syncStressTest"])
