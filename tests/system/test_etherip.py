@@ -644,7 +644,7 @@ def test_limits_of_followers(plant):
 
 
 def test_put_callback(plant):
-    """A put with callback ends when the PLC has the value, or has refused it"""
+    """A put with callback ends when the PLC has the value, or has refused it; what it has already is sent, too"""
     plant.tags("tag A DINT", "tag B BOOL[32]", "tag Ro DINT readonly", "tag S STRING")
     plant.records(rec("longout", "a", "A S 1"), rec("bo", "b", "B[7] S 1"),
                   rec("longout", "ro", "Ro S 1"), rec("stringout", "s", "S S 1"))
@@ -657,6 +657,9 @@ def test_put_callback(plant):
         assert int(plant.tag("B[0]")) == value % 2 << 7
         plant.ioc.put("s", f"text {value}")
         assert f"text {value}" in plant.tag("S")
+    plant.ioc.put("a", 10)  # that it has already: sent all the same
+    writes = [line for line in plant.sim.command("etherip received 1000").splitlines() if "4d:A" in line]
+    assert len(writes) == 11, writes
     plant.ioc.put("ro", 5)
     assert plant.ioc.alarm("ro") == ("INVALID", "WRITE", "PLC: no right to access it (0F)")
     plant.sim.command("etherip silent write next 1")

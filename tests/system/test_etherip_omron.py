@@ -1,4 +1,5 @@
 """DTYP "EtherIP" and plcTag against plcSim as an Omron NJ: what such a controller offers, as its manual has it."""
+import re
 import subprocess
 
 import pytest
@@ -80,6 +81,18 @@ def test_bools_and_bits(plant):
     plant.wait_tag("A[2]", "85")
     plant.ioc.wait_alarm("without", "INVALID", "READ", "BOOL")
     good(plant, "bo", "fo45", "fo0", "fo99", "s", "d4", "m", "af")
+
+
+def test_each_text_is_a_request(plant):
+    """Omron: elements of an array of texts are read one by one, those of an array of numbers together"""
+    omron(plant)
+    plant.records(*(rec("stringin", f"t{n}", f"Texts[{n}] S 0.05") for n in range(3)), *(rec("ai", f"a{n}", f"A[{n}] S 0.05") for n in range(3)))
+    good(plant, *(f"{what}{n}" for what in "ta" for n in range(3)))
+
+    def read():
+        return set(re.findall(r"4c:([^=\s]+)", plant.sim.command("etherip received 30")))
+    until(lambda: {"Texts[0]", "Texts[1]", "Texts[2]"} <= read(), lambda: read())
+    assert len({name for name in read() if name.partition("[")[0] == "A"}) == 1, read()
 
 
 def test_structures_and_texts(plant):
