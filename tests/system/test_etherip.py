@@ -193,7 +193,7 @@ def test_multibit(plant):
 
 
 def test_bits_across(plant):
-    """Bits of an array that lie in two DINTs are read together, and written"""
+    """Bits of an array that lie in two DINTs are read together, and written; an output follows the first of the two"""
     plant.tags("tag D DINT[3]")
     plant.set("D[0]", -2**30)  # bits 30 and 31
     plant.set("D[1]", 2)
@@ -212,6 +212,8 @@ def test_bits_across(plant):
         first = value % 4 * 2**30
         assert plant.tag("D[0]") == str(first if first < 2**31 else first - 2**32)
         plant.wait_tag("D[1]", str(-4 + value // 4))
+    plant.set("D[0]", 2**30)
+    plant.ioc.wait_value("o", 0b1101)  # it follows with the first of the two
 
 
 def test_arrays(plant):
@@ -1168,6 +1170,25 @@ def test_demo():
     shown = run_demo("iocEtherIP", 120)
     requests = re.search(r"Requests per second for all of it +([\d.]+)", shown)
     assert 5 < float(requests.group(1)) < 13
+
+
+@pytest.mark.parametrize("scan", ["changed", "all"])
+def test_scan(plant, scan):
+    """With scan=all an input processes with each read; without it, when its bytes change"""
+    plant.tags("tag A DINT = 3", "tag B DINT = 0")
+    plant.records(rec("longin", "a", "A S 0.02", "FLNK=$(P)n"), rec("longin", "b", "B S 0.02"),
+                  'record(calc, "$(P)n") { field(INPA, "$(P)n") field(CALC, "A+1") }\n',
+                  configure=f"s7plcSetOption P scan {scan}\n")
+    plant.ioc.wait_value("a", 3)
+    plant.set("B", 1)
+    plant.ioc.wait_value("b", 1)
+    first = plant.ioc.get("n")
+    if scan == "all":
+        until(lambda: plant.ioc.get("n") >= first + 10)
+    for number in range(2, 12):
+        plant.set("B", number)
+        plant.ioc.wait_value("b", number)
+    assert scan == "all" or plant.ioc.get("n") == first
 
 
 def test_scan_period(plant):
