@@ -1053,11 +1053,12 @@ def test_other_dtyp(plant):
                         'record(ai, "$(P)level") { field(DTYP, "S7plc") field(INP, "@P Tank.Level S 0.1") }\n'
                         'record(ai, "$(P)off") { field(DTYP, "S7plc") field(INP, "@P/4") }\n'
                         'record(ai, "$(P)tag") { field(DTYP, "EtherIP") field(INP, "@B Tank.Level") }\n'
-                        'record(waveform, "$(P)wave") { field(DTYP, "EtherIP") field(INP, "@P a E") field(NELM, "2") field(FTVL, "LONG") }\n')
+                        'record(waveform, "$(P)wave") { field(DTYP, "EtherIP") field(INP, "@P a E") field(NELM, "2") field(FTVL, "LONG") }\n'
+                        'record(waveform, "$(P)bits") { field(DTYP, "EtherIP") field(INP, "@P a B 1") field(NELM, "2") field(FTVL, "LONG") }\n')
     for name, words in [("flag", 'a PLC by EtherNet/IP has tags, no offsets; needed: DTYP "EtherIP", as in @PLC Tank.Level'),
                         ("level", 'needed: DTYP "EtherIP", as in @PLC Tank.Level'), ("off", 'needed: DTYP "EtherIP"'),
                         ("tag", 'B is no PLC with tags; drvEtherIP_define_PLC or etheripConfigure makes one. '
-                                'Here DTYP "S7plc" is needed, as in @B/0'), ("wave", "E is not for a waveform")]:
+                                'Here DTYP "S7plc" is needed, as in @B/0'), ("wave", "E is not for a waveform"), ("bits", "waveform has no bit 1")]:
         lines = [line for line in ioc.log.splitlines() if f':{name}"' in line and "record(" not in line]
         assert len(lines) == 1 and words in lines[0], lines
 
@@ -1201,3 +1202,5 @@ def test_scan_period(plant):
     until(lambda: plant.ioc.command("drvEtherIP_dump").count("every") == 4)
     dump = plant.ioc.command("drvEtherIP_dump")
     assert re.findall(r"every ([\d.]+) s", dump) == ["0.1", "5", "0.7", "0.3"]
+    plant.set("T0", 5)
+    plant.ioc.wait_value("t0", 5)

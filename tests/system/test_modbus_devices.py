@@ -491,7 +491,7 @@ def test_another_client(new_modbus, new_ioc):
 
 
 def test_one_address_twice(new_ioc):
-    """two stations on one host and port: one line for each later one, and none for another port or host"""
+    """two stations on one host and port: one line for each later one, and none for another port or host, nor for a name beside its address"""
     ioc = new_ioc("""modbusplcConfigure A, plc.invalid, 502, 1, "holding 0 1"
                      modbusplcConfigure B, PLC.invalid, 502, 2, "holding 0 1"
                      modbusplcConfigure C, plc.invalid, 503, 1, "holding 0 1"
@@ -500,7 +500,9 @@ def test_one_address_twice(new_ioc):
                      s7plcConfigure F, 127.0.0.88, 2000, 0, 2
                      s7plcModbusOutput F, plc.invalid, 503, 1, 0
                      s7plcConfigure G, "", 0, 0, 2
-                     s7plcConfigure H, "", 0, 0, 2""", "")
+                     s7plcConfigure H, "", 0, 0, 2
+                     s7plcConfigure I, localhost, 2001, 0, 2
+                     s7plcConfigure J, 127.0.0.1, 2001, 0, 2""", "")
     lines = [line for line in ioc.log.splitlines() if "has the same host and port" in line]
     assert len(lines) == 3, lines
     assert "modbusplcConfigure B: A has" in lines[0] and 'one station, with "unit n"' in lines[0]
