@@ -177,12 +177,15 @@ def test_bits(plant):
 
 
 def test_multibit(plant):
-    """mbbi and mbbo of every NOBT on SINT, INT, DINT: all values, no bit beside them changes"""
+    """mbbi and mbbo of every NOBT on SINT, INT, DINT: all values, no bit beside them changes; B counts, SHFT does not"""
     rows = [(kind, n) for kind in ("SINT", "INT", "DINT") for n in (1, 2, 3, 4)]
     plant.tags(*(f"tag {kind}{n} {kind} = {-2**n}" for kind, n in rows))
     plant.records(*(rec("mbbi", f"i{kind}{n}", f"{kind}{n} S 0.02", f"NOBT={n}") +
                     rec("mbbo", f"o{kind}{n}", f"{kind}{n} S 0.02", f"NOBT={n}")
-                    for kind, n in rows))
+                    for kind, n in rows),
+                  rec("mbbi", "shifted", "DINT4 S 0.02 B 4", "NOBT=2", "SHFT=7"))
+    plant.ioc.wait_value("shifted", 3)
+    assert plant.ioc.get("shifted.SHFT") == 0
     for kind, n in rows:
         plant.ioc.wait_value(f"i{kind}{n}", 0)
         for value in range(2**n):
