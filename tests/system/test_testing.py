@@ -61,6 +61,17 @@ def test_said(tmp_path, said):
     assert shown.splitlines()[-1] == f"status {1 if said else 0}" and said in shown
 
 
+@pytest.mark.parametrize("options", ["", "-k modbus"])
+def test_check_system(tmp_path, options):
+    """CHECK_SYSTEM="{options}": these options of pytest go to the system tests of make check-all"""
+    tests = "tests() {" + CHECK.read_text().split("\ntests() {")[1].split("\nstep() {")[0]
+    (tmp_path / "configure").mkdir()
+    script = f'work={tmp_path}\ncopy() {{ :; }}\nsanitized() {{ echo "ran $*"; }}\n{tests}\ntests system-tsan\ntests unit-tsan'
+    shown = subprocess.run(["sh", "-c", script], cwd=tmp_path, env={**os.environ, "CHECK_SYSTEM": options}, capture_output=True,
+                           text=True, timeout=60).stdout
+    assert shown.splitlines() == [f"ran system-tsan tests/run system {options}".rstrip(), "ran unit-tsan tests/run unit"]
+
+
 @pytest.mark.parametrize("target, status", [("Link", True), ("Range", False)])
 def test_fuzz(tmp_path, monkeypatch, capsys, target, status):
     """make fuzz: each target runs for so many minutes; what it finds is kept, and told with the command that repeats it: {target}"""
