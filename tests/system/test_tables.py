@@ -126,6 +126,7 @@ def commands(plc):
 def wait_synced(ioc, level=3.25):
     until(lambda: ioc.text("Sync") == "synced", lambda: f"synced: {ioc.text('Sync')}\n{ioc.log}")
     assert ioc.text("Map") == "equal" and ioc.get("Map:Progress") == 100 and ioc.severity("Map") == "NO_ALARM"
+    until_equal(lambda: ioc.text("Map:Reason.VAL$"), "")
     until_equal(lambda: (ioc.get("Temp"), ioc.get("Speed"), ioc.get("Mode")), (21.5, 100, 7))
     if level is not None:
         ioc.wait_value("Level", level)
