@@ -270,6 +270,7 @@ void drvEtherIP_reset_statistics(void)
 static void restartPlc(eipPlc *plc, void *arg)
 {
     (void)arg;
+    eipWorkerSetConnect(plc->worker, &plc->connect);
     plcStationReconnect(plc->station);
 }
 

@@ -8,6 +8,7 @@ enum {
     interval = 2000000, /* us */
     multiplier = 2,     /* x 16: 32 s without a message are too long */
     triesMax = 4,
+    patienceMax = 1024, /* sessions */
     listServicesHead = 2,
     canTcp = 0x20, /* capability: CIP over TCP */
     omronMultiple = 32,
@@ -273,6 +274,25 @@ int eipConnectNoAnswer(eipConnect *c)
         return 0;
     c->skip |= 1u << c->step;
     return 1;
+}
+
+int eipConnectOpened(eipConnect *c)
+{
+    int first = !c->patience;
+
+    if (!c->skip) {
+        c->patience = c->left = 0;
+        return 0;
+    }
+    if (c->left) {
+        c->left--;
+        return 0;
+    }
+    if (c->patience < patienceMax)
+        c->patience = first ? 1 : 2 * c->patience;
+    c->left = c->patience;
+    c->skip = 0;
+    return first;
 }
 
 size_t eipConnectClose(eipConnect *c, void *frame, size_t room)

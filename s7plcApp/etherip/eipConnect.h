@@ -56,7 +56,9 @@ typedef struct eipConnect {
     eipConnectOptions options;
     eipSession session;
     eipStep step;
-    unsigned skip;     /* 1 << step: left out, because the PLC does not stand it */
+    unsigned skip;     /* 1 << step: left out, because it was not answered, */
+    unsigned left;     /* for so many sessions more, */
+    unsigned patience; /* of so many; 0: the last session had all steps */
     unsigned tries;    /* of the connection's serial number */
     int learned;       /* the size comes from a refusal */
     epicsUInt32 seed;  /* where numbers come from that must differ from time to time */
@@ -85,6 +87,11 @@ void eipConnectReopen(eipConnect *c);
 /* No answer came in time, or the PLC has closed the TCP connection. The next time this step
  * is left out, where that is possible. Returns 1 when it was, else 0. */
 int eipConnectNoAnswer(eipConnect *c);
+
+/* The session is open. What was left out on the way is asked for again: on the next connection, and
+ * when that was in vain after 1, 2, 4, ... sessions more. Returns 1 when the next connection is to be
+ * made at once: a PLC that was just booting answers all by now. */
+int eipConnectOpened(eipConnect *c);
 
 /* The frame that closes the connection, before TCP is closed; the answer does not matter.
  * Returns its bytes, 0: there is none. */

@@ -317,12 +317,8 @@ static void takeSocket(eipWorker *w)
     epicsMutexUnlock(w->lock);
     if (fd == INVALID_SOCKET)
         return;
-    if (fresh) {
-        unsigned skip = w->connect.skip;
-
+    if (fresh)
         eipConnectInit(&w->connect, &options);
-        w->connect.skip = skip;
-    }
     w->open = w->taught = 0;
     w->lost[0] = 0;
     memset(w->unread, 0, w->used);
@@ -334,8 +330,7 @@ static void takeSocket(eipWorker *w)
     eipConnectBegin(&w->connect, (epicsUInt32)epicsMonotonicGet());
 }
 
-/* The first time that a PLC does not answer a step, the connection is lost; it is left out on
- * the next one. */
+/* When a PLC does not answer a step, the connection is lost; it is left out on the next one. */
 static void openSession(eipWorker *w)
 {
     size_t n, length;
@@ -350,6 +345,12 @@ static void openSession(eipWorker *w)
         }
         if (eipConnectTake(&w->connect, w->socket.buffer, length, w->lost, sizeof(w->lost)))
             return;
+    }
+    if (eipConnectOpened(&w->connect)) {
+        strcpy(w->lost, "asks again for what was not answered");
+        eipSocketTell(&w->socket, w->frame,
+                      eipConnectClose(&w->connect, w->frame, eipFrameMax));
+        return;
     }
     w->open = 1;
     w->limits.room = w->connect.room;

@@ -59,7 +59,7 @@ void eipWorkerDestroy(eipWorker *w);
 
 void eipWorkerSetOptions(eipWorker *w, const eipWorkerOptions *options);
 
-/* From the next connection on. */
+/* From the next connection on, on which no step is left out. */
 void eipWorkerSetConnect(eipWorker *w, const eipConnectOptions *connect);
 
 void eipWorkerWant(eipWorker *w); /* the source has something new */

@@ -522,6 +522,31 @@ static void testRefusals(void)
     testOk(c.session.connected, "slot -1 opens a connection, too");
 }
 
+/* A device that never answers a step, session by session: 1 where it was asked for it. */
+static void testAsksAgain(void)
+{
+    static const char wanted[] = "11.1..1....1";
+    char asked[sizeof(wanted)] = "";
+    eipConnect c = connectOf("1,0", 0);
+    int again = 0;
+    size_t i;
+
+    testOk(eipConnectOpened(&c) == 0, "all steps are answered: nothing is asked again");
+    for (i = 0; i + 1 < sizeof(wanted); i++) {
+        asked[i] = c.skip ? '.' : '1';
+        c.step = eipStepLarge;
+        eipConnectNoAnswer(&c);
+        again += eipConnectOpened(&c);
+    }
+    testOk(strcmp(asked, wanted) == 0 && again == 1,
+           "a step without an answer is asked again in sessions %s, at once after the first", asked);
+    c.skip = 0;
+    eipConnectOpened(&c);
+    c.step = eipStepIdentity;
+    eipConnectNoAnswer(&c);
+    testOk(eipConnectOpened(&c) == 1 && !c.skip, "at once again, after a session with all steps");
+}
+
 static void testSteps(void)
 {
     eipConnect c = connectOf("1,0", 0);
@@ -715,6 +740,7 @@ MAIN(eipFrameTest)
     testOpening();
     testRefusals();
     testSteps();
+    testAsksAgain();
     testWords();
     testStatusWords();
     testKinds();
