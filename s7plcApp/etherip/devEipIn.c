@@ -15,6 +15,7 @@
 #include <mbbiRecord.h>
 #include <menuConvert.h>
 #include <menuFtype.h>
+#include <menuYesNo.h>
 #include <stringinRecord.h>
 #include <waveformRecord.h>
 
@@ -220,8 +221,11 @@ static long readWaveform(dbCommon *common)
 static long readAai(dbCommon *common)
 {
     aaiRecord *prec = (aaiRecord *)common;
-    long n = readArray(common, prec->bptr, prec->nelm);
+    long n;
 
+    if (prec->simm == menuYesNoYES)
+        return devReadSimulated(prec);
+    n = readArray(common, prec->bptr, prec->nelm);
     if (n < 0)
         return -1;
     prec->nord = (epicsUInt32)n;

@@ -20,6 +20,7 @@
 #include <menuConvert.h>
 #include <menuFtype.h>
 #include <menuIvoa.h>
+#include <menuYesNo.h>
 #include <stringoutRecord.h>
 
 #include "devEip.h"
@@ -304,6 +305,13 @@ static void followAao(dbCommon *common, const devRecord *dev, const epicsUInt8 *
     prec->nord = (epicsUInt32)n;
 }
 
+static long transferAao(dbCommon *common)
+{
+    aaoRecord *prec = (aaoRecord *)common;
+
+    return prec->simm == menuYesNoYES ? devWriteSimulated(prec) : devEipWrite(common);
+}
+
 static int resolveAao(dbCommon *common, devRecord *dev, const char *text, plcLinkError *error)
 {
     if (((aaoRecord *)common)->ftvl == menuFtypeSTRING)
@@ -314,8 +322,10 @@ static int resolveAao(dbCommon *common, devRecord *dev, const char *text, plcLin
 /* --- The rows ------------------------------------------------------------------------------------ */
 
 #define OUTPUT(type, status, find, puts, takes, ...)                                       \
+    OUTPUT_BY(devEipWrite, type, status, find, puts, takes, __VA_ARGS__)
+#define OUTPUT_BY(transfers, type, status, find, puts, takes, ...)                         \
     {                                                                                      \
-        .common = DEV_DSET, .transfer = devEipWrite, .dtyp = "EtherIP", .field = "OUT",    \
+        .common = DEV_DSET, .transfer = transfers, .dtyp = "EtherIP", .field = "OUT",      \
         .direction = devOut, .shape = {type, 0, 0, 0, NULL}, .initStatus = status,         \
         .write = puts, .follow = takes, .follows = devEipFollows, .rests = devEipRests,    \
         .resolve = find, __VA_ARGS__                                                       \
@@ -336,7 +346,8 @@ const devSupport devEipInt64out =
 const devSupport devEipStringout =
     OUTPUT("stringout", 0, devEipText, writeStringout, followStringout, .pulse = NULL);
 const devSupport devEipLso = OUTPUT("lso", 0, devEipText, writeLso, followLso, .pulse = NULL);
-const devSupport devEipAao = OUTPUT("aao", 0, resolveAao, writeAao, followAao, .pulse = NULL);
+const devSupport devEipAao =
+    OUTPUT_BY(transferAao, "aao", 0, resolveAao, writeAao, followAao, .pulse = NULL);
 
 epicsExportAddress(dset, devEipAo);
 epicsExportAddress(dset, devEipCalcout);

@@ -27,6 +27,8 @@
 
 struct plcStatRow;
 struct aoRecord;
+struct aaiRecord;
+struct aaoRecord;
 
 #define DEV_SCALAR 8 /* bytes of the widest element */
 
@@ -85,6 +87,8 @@ typedef struct devRecord {
     int known;         /* shown is filled, */
     int taken;         /* by what the PLC has, not by a put */
     int unproven;      /* put, and the PLC's values were not taken since */
+    const epicsEnum16 *simm; /* its field SIMM; NULL: it has none, */
+    struct link *siml;       /* and SIML */
     int following;     /* the record processes in order to follow, not to write */
     int takes;         /* plcStationTakes when it followed last */
     int refused;       /* the write that runs was refused by the station */
@@ -302,6 +306,10 @@ void devScale(const devRecord *dev, double egul, double eguf, double *eslo, doub
 
 /* What an ao makes of its OVAL, in double to the end: RVAL has only 31 bits for a UINT32. */
 double devAoRaw(struct aoRecord *prec);
+
+/* With SIMM=YES: from SIOL to the array, and from the array to SIOL. Return what the link does. */
+long devReadSimulated(struct aaiRecord *prec);
+long devWriteSimulated(struct aaoRecord *prec);
 
 /* The dpvt of a record, when its link is good. Else NULL, and the alarm is raised. */
 devRecord *devOf(dbCommon *prec);

@@ -7,9 +7,12 @@
 
 #include <aaiRecord.h>
 #include <aaoRecord.h>
+#include <dbAccess.h>
+#include <dbEvent.h>
 #include <dbFldTypes.h>
 #include <epicsStdio.h>
 #include <menuFtype.h>
+#include <menuYesNo.h>
 #include <waveformRecord.h>
 
 #include "plcCompat.h"
@@ -90,6 +93,30 @@ static int prepareArray(devRecord *dev, size_t nelm, epicsUInt32 *nord)
     return 0;
 }
 
+/* --- SIMM=YES: Base leaves SIOL of aai and aao, alone, to device support -------------- */
+
+long devReadSimulated(aaiRecord *prec)
+{
+    long n = (long)prec->nelm, status;
+
+    if (dbLinkIsConstant(&prec->siol))
+        return 0;
+    status = dbGetLink(&prec->siol, prec->ftvl, prec->bptr, NULL, &n);
+    if (status)
+        return status;
+    prec->udf = FALSE;
+    if (prec->nord != (epicsUInt32)n) {
+        prec->nord = (epicsUInt32)n;
+        db_post_events(prec, &prec->nord, DBE_VALUE | DBE_LOG);
+    }
+    return 0;
+}
+
+long devWriteSimulated(aaoRecord *prec)
+{
+    return dbPutLink(&prec->siol, prec->ftvl, prec->bptr, (long)prec->nord);
+}
+
 /* --- Reading ------------------------------------------------------------------------ */
 
 /* Bytes in wire order become the elements of an array. Returns their number, NORD: all of
@@ -156,6 +183,8 @@ static long readAai(dbCommon *common)
 {
     aaiRecord *prec = (aaiRecord *)common;
 
+    if (prec->simm == menuYesNoYES)
+        return devReadSimulated(prec);
     return readArray(common, prec->bptr, prec->nelm, &prec->nord);
 }
 
@@ -204,6 +233,13 @@ static long writeAao(dbCommon *common)
     return devStore(common, dev->buffer, NULL);
 }
 
+static long transferAao(dbCommon *common)
+{
+    aaoRecord *prec = (aaoRecord *)common;
+
+    return prec->simm == menuYesNoYES ? devWriteSimulated(prec) : devWrite(common);
+}
+
 static void followAao(dbCommon *common, const devRecord *dev, const epicsUInt8 *bytes)
 {
     aaoRecord *prec = (aaoRecord *)common;
@@ -240,7 +276,7 @@ const devSupport devS7plcAai = {
     .direction = devIn, .shape = {"aai", 0, 0, plcHasL | plcHasW, NULL},
     .adapt = adaptAai, .prepare = prepareAai};
 const devSupport devS7plcAao = {
-    .common = DEV_DSET, .transfer = devWrite, .dtyp = "S7plc", .field = "OUT",
+    .common = DEV_DSET, .transfer = transferAao, .dtyp = "S7plc", .field = "OUT",
     .direction = devOut, .shape = {"aao", 0, 0, plcHasL | plcHasR | plcHasW, NULL},
     .adapt = adaptAao, .prepare = prepareAao, .write = writeAao, .follow = followAao};
 /* clang-format on */
