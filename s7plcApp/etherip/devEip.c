@@ -455,6 +455,10 @@ static long secondRefused(dbCommon *prec, const devRecord *dev, long status)
 /* The PLC does not show this place: there is nothing to follow, and what it shows next is news. */
 static long notShown(dbCommon *prec, devRecord *dev)
 {
+    const eipType *type = devEipType(dev);
+
+    if (type && type->size) /* why, also while the PLC is away */
+        lacks(dev, type, eipOf(dev)->misfit);
     dev->following = dev->known = 0;
     prec->udf = TRUE;
     return devRefused(prec, dev) || devUnseen(prec, dev) ? -1 : noValue(prec);
@@ -526,6 +530,7 @@ long devEipWrite(dbCommon *prec)
 
     if (!dev || !dev->station)
         return devWrite(prec);
+    devStampNow(prec);
     if (follows && !isShown(dev))
         return notShown(prec, dev);
     if (eipOf(dev)->force && !ends)

@@ -205,6 +205,10 @@ class Ioc:
         assert value is not None, f"caget {name} got no answer"
         return value
 
+    def stamp(self, name):
+        """The record's time stamp, s since 1970."""
+        return self.pv(name).get_with_metadata(form="time", use_monitor=False, timeout=LIMIT)["timestamp"]
+
     def text(self, name):
         """The value as caget -s has it."""
         return self.get(name, as_string=True)

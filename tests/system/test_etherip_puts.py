@@ -1,6 +1,7 @@
 """Puts to tags, and what their records show after them: what the PLC makes of a value counts, and
 what was read before it never comes back."""
 import re
+import time
 
 import epics
 import pytest
@@ -366,3 +367,98 @@ def test_end_of_a_pulse_refused(plant):
     plant.sim.command("etherip key remote")
     plant.wait_tag("B", "0")
     plant.ioc.wait_alarm("b", "NO_ALARM")
+
+
+# --- Tags that can be written and not read ----------------------------------------------------------
+
+@pytest.mark.parametrize("force", ["", " FORCE"])
+def test_not_shown(plant, force):
+    """What the PLC takes and does not show ({force}) is no good value: the alarm of the read is there again with the end of the put"""
+    plant.tags("tag W DINT[3] = 8", "tag D DINT = 8")
+    plant.records(rec("aao", "w", f"W S 0.05{force}", "FTVL=LONG", "NELM=5"), rec("longout", "d", f"D S 0.05{force}"),
+                  rec("ao", "a", f"D S 0.05{force}"), rec("calcout", "c", f"D S 0.05{force}", "CALC=A"), rec("longin", "in", "D S 0.05"))
+    plant.ioc.wait_value("in", 8)
+    plant.sim.command("etherip status 0F service 4c tag D")
+    refused = "PLC: no right to access it (0F)"
+    for name in ("d", "a", "c"):
+        plant.ioc.wait_alarm(name, "INVALID", "READ", refused)
+    plant.ioc.wait_alarm("w", "INVALID", "READ", "PLC: index beyond the end (FF 2105)")
+    heard_of = {name: heard(plant.ioc, name) for name in ("w", "d", "a")}
+    plant.ioc.put("w", [1, 2, 3])
+    plant.wait_tag("W", "1 2 3")
+    assert plant.ioc.alarm("w") == ("INVALID", "READ", "PLC: index beyond the end (FF 2105)")
+    for value, name in enumerate(("d", "a"), 20):
+        plant.ioc.put(name, value)
+        plant.wait_tag("D", str(value))
+        assert plant.ioc.alarm(name) == ("INVALID", "READ", refused)
+    plant.ioc.put("c.A", 30)
+    plant.ioc.put("c.PROC", 1)
+    plant.wait_tag("D", "30")
+    plant.ioc.wait_alarm("c", "INVALID", "READ", refused)
+    assert not [name for name, seen in heard_of.items() if any(severity == 0 for _, severity in seen)]
+    plant.sim.command("etherip normal")
+    for name in ("d", "a", "c", "in"):
+        plant.ioc.wait_alarm(name, "NO_ALARM")
+
+
+@pytest.mark.parametrize("kind, tag, fields, words", [
+    ("bo", "B B 9", [], "SINT has bits 0 to 7"), ("mbbo", "F", ["NOBT=4"], "REAL has no bits"),
+    ("mbboDirect", "B", ["NOBT=9"], "SINT has bits 0 to 7")])
+def test_no_bits_and_away(plant, kind, tag, fields, words):
+    """An output for bits that the tag has not stays INVALID, in the same words, while the PLC is away ({kind} {tag})"""
+    plant.tags("tag B SINT = 3", "tag F REAL = 2")
+    plant.records(rec(kind, "o", f"{tag} S 0.05", *fields), rec("longin", "in", "B S 0.05"))
+    plant.ioc.wait_alarm("o", "INVALID", "READ", words)
+    plant.ioc.wait_value("in", 3)
+    seen = heard(plant.ioc, "o")
+    for _ in range(2):
+        plant.sim.command("etherip refuse on")
+        plant.sim.command("etherip reset")
+        plant.ioc.wait_alarm("in", "INVALID", "COMM", "connection refused")
+        assert plant.ioc.alarm("o") == ("INVALID", "READ", words)
+        plant.sim.command("etherip refuse off")
+        plant.ioc.wait_alarm("in", "NO_ALARM")
+        assert plant.ioc.alarm("o") == ("INVALID", "READ", words)
+    assert not any(severity == 0 for _, severity in seen)
+    plant.sim.command("etherip tag B DINT = 1023")
+    plant.sim.command("etherip tag F DINT = 7")
+    plant.sim.command("etherip download")
+    plant.ioc.wait_alarm("o", "NO_ALARM")
+
+
+def test_time_of_following(plant):
+    """An output with TSE=-2 has the time at which it took the PLC's value, was put, or its put ended"""
+    plant.tags("tag A DINT = 5", "tag F REAL = 1.5", "tag W INT[5] = 2", "tag R DINT readonly = 5")
+    plant.records(rec("longout", "a", "A S 0.05", "TSE=-2"), rec("ao", "f", "F S 0.05", "TSE=-2"),
+                  rec("bo", "b", "A S 0.05 B 3", "TSE=-2"), rec("aao", "w", "W S 0.05", "FTVL=SHORT", "NELM=5", "TSE=-2"),
+                  rec("longout", "r", "R S 0.05", "TSE=-2"))
+    for name, value in (("a", 5), ("f", 1.5), ("b", 0), ("w", [2] * 5), ("r", 5)):
+        plant.ioc.wait_value(name, value)
+    for value in (8, 16, 24):
+        began = time.time()
+        for tag in ("A", "F", "W"):
+            plant.set(tag, value)
+        for name, shown in (("a", value), ("f", value), ("b", value // 8 % 2), ("w", [value] * 5)):
+            plant.ioc.wait_value(name, shown)
+            assert plant.ioc.stamp(name) >= began
+        began = time.time()
+        plant.ioc.put("a", value + 1)
+        plant.ioc.put("r", value)
+        assert min(plant.ioc.stamp("a"), plant.ioc.stamp("r")) >= began
+        assert plant.ioc.alarm("r")[:2] == ("INVALID", "WRITE")
+
+
+def test_behind_fragments(plant):
+    """An array that does not fit one message is read to its end: a put, and other tags, wait for it"""
+    plant.tags("tag R REAL[600] = 1", "tag O DINT = 1", "tag X DINT = 3", size=504)
+    plant.records(rec("waveform", "r", "R S 0.1", "FTVL=FLOAT", "NELM=600"), rec("longout", "o", "O S 0.1"), rec("longin", "x", "X S 0.1"))
+    plant.ioc.wait_value("o", 1)
+    plant.ioc.wait_alarm("r", "NO_ALARM")
+    plant.sim.command("etherip slow 30")
+    for value in range(2, 12):
+        plant.ioc.put("o", value)
+        plant.wait_tag("O", str(value))
+    seen = "".join("f" if "R=06" in line else "e" if "52:R=00" in line else "w" if "4d:O=00" in line else "."
+                   for line in plant.sim.command("etherip received 1000").splitlines())
+    assert seen.count("w") == 10 and "ffff" in seen
+    assert not re.search("f[w.]", seen)

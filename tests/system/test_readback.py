@@ -1,5 +1,6 @@
 """Bumpless outputs: R=, readback= and track: outputs start from the PLC's values."""
 import struct
+import time
 
 import pytest
 
@@ -119,6 +120,20 @@ def test_track(new_peer, new_ioc):
     peer.every(0.05, bytes(16) + held(long=8))
     until_equal(lambda: ioc.get("long"), 8)
     assert [block[2:4] for block in peer.blocks()] == [b"\0\7"]
+
+
+def test_time_of_following(new_peer, new_ioc):
+    """an output with TSE=-2 has the time at which it took the PLC's value, at the start and by track=on"""
+    peer = new_peer(48, 32)
+    ioc = new_ioc(peer.configure(recv_timeout=20000, send_interval=50) + "\ns7plcSetOption PLC track on",
+                  database(True, "NO").replace('field(DTYP', 'field(TSE, "-2") field(DTYP'))
+    peer.wait_connected()
+    for value in (1234, 55):
+        began = time.time()
+        peer.send(bytes(16) + held(long=value))
+        ioc.wait_value("long", value)
+        assert ioc.stamp("long") >= began
+    assert min(ioc.stamp(name) for name in ("linear", "bit", "multi", "direct", "real", "text", "calc", "big", "array")) > began - 60
 
 
 def test_rejected_put(new_peer, new_ioc):

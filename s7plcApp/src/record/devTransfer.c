@@ -85,7 +85,6 @@ long devStore(dbCommon *prec, const void *bytes, const void *mask)
 
     if (!dev)
         return -1;
-    devStampNow(prec);
     reason[0] = 0;
     dev->raised = 0;
     dev->last.tells = dev->takes != 0; /* at the start the PLC's value comes first anyway */
@@ -143,7 +142,7 @@ static long putEnds(dbCommon *prec, devRecord *dev)
         return -1;
     }
     showCut(prec, dev);
-    return 0;
+    return devUnseen(prec, dev);
 }
 
 /* What the record knows of its last put is of no interest any more. */
@@ -186,6 +185,7 @@ long devWrite(dbCommon *prec)
     devRecord *dev = prec->dpvt;
     long status;
 
+    devStampNow(prec);
     if (dev) { /* what it had raised ends with this processing */
         dev->raised = 0;
         plcClearMessage(prec);
@@ -217,5 +217,5 @@ long devWrite(dbCommon *prec)
     /* A refused put goes back to the PLC's value, when that is known. */
     if (dev && dev->refused && dev->shown && dev->known)
         devTakeValue(prec, dev);
-    return status;
+    return dev && dev->station && !status ? devUnseen(prec, dev) : status;
 }
