@@ -79,9 +79,11 @@ static int news(void *pvt, plcNews *n, void *input, void *output)
         epicsTimeGetCurrent(&n->stamp);
         memset(input, 7, made.inSize);
     }
-    n->shown = epicsAtomicCmpAndSwapIntT(&fake.shows, 1, 0);
-    if (n->shown)
+    n->shown = epicsAtomicGetIntT(&fake.shows);
+    if (n->shown) {
         memcpy(output, fake.output, made.outSize);
+        epicsAtomicSetIntT(&fake.shows, 0); /* now it may have others */
+    }
     n->lost = epicsAtomicCmpAndSwapIntT(&fake.lost, 1, 0);
     if (n->lost)
         strcpy(n->why, "no answer");

@@ -105,6 +105,7 @@ struct plcStation {
     int bigEndian;
     int order; /* the same, and the option wordOrder: plcCodec.h */
     int textOrder;
+    size_t header;             /* bytes of each block before the data: of sync=on, else 0 */
     const plcPolicy *policy;
     void *policyPvt;
 

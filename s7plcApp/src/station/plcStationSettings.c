@@ -241,6 +241,7 @@ int plcStationSetOption(plcStation *s, const char *key, const char *value, char 
         plcScanByRange(s->inScan, options.scan == plcScanChanged);
         s->order = orderOf(s->bigEndian, options.wordOrder);
         s->textOrder = options.textOrder;
+        s->header = options.sync ? PLC_HEADER_SIZE : 0;
     }
     epicsMutexUnlock(s->lock);
     if (status)

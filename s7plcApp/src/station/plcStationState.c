@@ -157,7 +157,7 @@ void plcStationGate(plcStation *s)
 
 size_t plcStationHeader(const plcStation *s)
 {
-    return s->options.sync ? PLC_HEADER_SIZE : 0;
+    return s->header;
 }
 
 int plcLineDelivered(const plcLine *line)
