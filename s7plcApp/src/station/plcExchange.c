@@ -156,20 +156,21 @@ static void startWhenReady(plcStation *s)
     tellWhole(s, 0);
 }
 
+/* A number that grows when puts are through, or lost. Of those that were through when the news were
+ * fetched: what the PLC has said of them is known then, too. */
+static epicsUInt64 countThrough(plcStation *s)
+{
+    return s->exchange->through + (epicsUInt64)epicsAtomicGetIntT(&s->outLosses);
+}
+
 void plcExchangeUp(plcStation *s)
 {
     plcExchange *x = s->exchange;
 
     x->ordered = 0;
     x->waiting = x->late = 1;
+    x->lateTold = countThrough(s);
     startWhenReady(s);
-}
-
-/* A number that grows when puts are through, or lost. Of those that were through when the news were
- * fetched: what the PLC has said of them is known then, too. */
-static epicsUInt64 countThrough(plcStation *s)
-{
-    return s->exchange->through + (epicsUInt64)epicsAtomicGetIntT(&s->outLosses);
 }
 
 static void tellListener(plcStation *s)
@@ -207,15 +208,23 @@ static void tellThrough(plcStation *s, epicsUInt64 now, epicsUInt64 *wake)
     x->told = through;
 }
 
-/* Records whose puts waited for this connection are told as they leave, one after the other. */
+/* Records whose puts waited for this connection are told as they leave, one after the other. There
+ * are none when no put waits once the PLC's values are taken, and none is through by then. */
 static void tellLate(plcStation *s)
 {
     plcExchange *x = s->exchange;
+    epicsUInt64 news;
+    int waits;
 
-    if (!x->late || !epicsAtomicGetIntT(&s->taken) || countThrough(s) == x->lateTold)
+    if (!x->late || !epicsAtomicGetIntT(&s->taken))
+        return;
+    waits = plcImagePutsWaiting(s->out, NULL, NULL) != 0;
+    news = plcImagePutsThrough(s->out, NULL) - x->through; /* after that look */
+    if (waits || !news)
+        x->late = waits;
+    if (countThrough(s) == x->lateTold)
         return;
     x->lateTold = countThrough(s);
-    x->late = plcImagePutsWaiting(s->out, NULL, NULL) != 0;
     plcInputFollow(s, 0);
 }
 
