@@ -1099,7 +1099,7 @@ def test_plctag_writes(plant):
     tag("write", "S", "a \"b\"")
     tag("write", "N", "abcd")
     tag("write", "R", "0.1")
-    assert tag("read", "D", "S", "N", "R") == 'D=0\nS="a \\"b\\""\nN="abcd"\nR=0.1\n'
+    assert tag("read", "D[0]", "S", "N", "R") == 'D[0]=0\nS="a \\"b\\""\nN="abcd"\nR=0.1\n'
     assert [plant.tag(f"D[{n}]") for n in range(4)] == ["0", "5", "-6", "16"]
     assert "does not fit" in tag("write", "N", "abcde", status=1)
     tag("write", "X.Pos", "77")
@@ -1140,7 +1140,7 @@ def test_plctag_port(plant):
     for port in ("", "0", "-1", "65536", "x", f"{plant.port}abc", f"{plant.port} 1", plant.port + 2**32):
         done = subprocess.run([PLC_TAG, f"127.0.0.1:{port}", "read", "D"], capture_output=True,
                               text=True, timeout=30)
-        assert done.returncode == 1 and f"port {port}; allowed: 1 to 65535" in done.stderr, done
+        assert done.returncode == 2 and f"port {port}; allowed: 1 to 65535" in done.stderr, done
 
 
 def test_plctag_programs_structures(plant):
