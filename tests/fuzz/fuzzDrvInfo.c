@@ -75,6 +75,7 @@ static void freePlace(plcAsynPlace *place)
         if (!view->refused)
             plcOwnersRemove(plcStationOwners(place->station), &view->owner);
         free(view->refused);
+        free(view->doubt);
         free(view);
     }
     free(place->text);
