@@ -584,15 +584,15 @@ static int isLate(const double *least)
 static void testBackoff(void)
 {
     double least[HANG_UPS] = {99, 99, 99, 99, 99, 99, 99};
-    plcStation *s = NULL;
-    int listener = -1, fd = -1, early = 0, round;
+    plcStation *s;
+    int listener = -1, fd = -1, early = 0, round = 0;
 
-    for (round = 0; round < 20 && isLate(least); round++) {
+    do {
         if (round)
             end(fd, listener);
         fd = station(&s, &listener, NULL, NULL, 50);
         early += hangUps(&fd, listener, least);
-    }
+    } while (++round < 20 && isLate(least));
     testOk(!early, "a PLC that hangs up at once is tried slower and slower");
     testOk(!isLate(least), "after 0, 50, 100, 200, 400 and then each 700 ms (%.0f, %.0f, %.0f, %.0f, %.0f, %.0f, "
            "%.0f)", least[0] * 1e3, least[1] * 1e3, least[2] * 1e3, least[3] * 1e3, least[4] * 1e3, least[5] * 1e3,
