@@ -495,6 +495,13 @@ static void testRefusals(void)
     testOk(c.session.opening.id != id, "with another number: the PLC may remember the first one");
     accept(&c);
     testOk(c.room == 1998, "and a message has 1998");
+    for (i = 0; i < 2; i++) {
+        c = upToOpening("1,0");
+        answerStep(&c, 0x01, i ? "09 01 A2 0F" : "09 01 FF FF");
+        testOk(c.step == eipStepSmall && c.session.opening.size == 504 && !c.learned,
+               "a refusal that names %s is no smaller size: a small connection",
+               i ? "the size that was asked for" : "65535 bytes");
+    }
     c = upToOpening("1,0");
     answerStep(&c, 0x01, "09 01 F4 01");
     testOk(c.step == eipStepSmall && c.session.opening.size == 500,
