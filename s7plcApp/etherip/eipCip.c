@@ -201,7 +201,7 @@ const epicsUInt8 *eipMultipleTake(const eipAnswer *a, unsigned count, unsigned i
     size_t from, to;
 
     *length = 0;
-    if (eipTake16(&r) != count || r.left < (size_t)count * eipMultipleEach || i >= count)
+    if (eipTake16(&r) != count || i >= count)
         return NULL;
     eipTake(&r, (size_t)i * eipMultipleEach);
     from = eipTake16(&r);
