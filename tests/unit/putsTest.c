@@ -234,6 +234,27 @@ static void cancelledMeanwhile(int sent)
     plcPutsDestroy(p);
 }
 
+/* What is put again, and nobody wants any more. */
+static void notAgain(int sent)
+{
+    const char *what = sent ? "is on its way" : "waits";
+    plcPuts *p = plcPutsCreate(size, 100);
+
+    plcPutsAhead(p, "abcdefgh", "\xff\xff\0\0\0\0\0\0");
+    if (sent)
+        plcPutsTake(p, NULL, NULL, values, mask);
+    add(p, 0, "A", NULL, 1);
+    plcPutsAgainNot(p, 0, 1, NULL);
+    testOk(plcPutsCount(p) == 2, "what is put again %s: without one of its bytes it is still made", what);
+    plcPutsAgainNot(p, 1, 1, NULL);
+    testOk(plcPutsCount(p) == 1, "without the other it is gone");
+    if (sent)
+        plcPutsBack(p);
+    testOk(!strcmp(next(p, always, NULL), "A.......") && !strcmp(next(p, always, NULL), ""),
+           "and what somebody has put stays");
+    plcPutsDestroy(p);
+}
+
 static void tooMany(void)
 {
     plcPuts *p = plcPutsCreate(size, 4);
@@ -497,7 +518,7 @@ MAIN(putsTest)
 {
     unsigned i;
 
-    testPlan(87 + 7 + 5 + 10 + 11 + 4 + 6);
+    testPlan(87 + 7 + 5 + 10 + 11 + 4 + 6 + 6);
     order();
     bits();
     numbers();
@@ -505,6 +526,8 @@ MAIN(putsTest)
     reconnect();
     cancelledMeanwhile(0);
     cancelledMeanwhile(1);
+    notAgain(0);
+    notAgain(1);
     tooMany();
     behind();
     overlay();
