@@ -122,32 +122,61 @@ def play(options, recorder, say):
 
 # --- All of them -----------------------------------------------------------------------------
 
+def started(options):
+    """The scenarios of this run: name and number of the instance of each."""
+    return [(name, instance) for name in options.transports for instance in range(options.instances)]
+
+
+def result_file(options, name, instance):
+    return options.out / f"{name}-{instance}" / "result.json"
+
+
+def forget(options):
+    """Removes what an earlier run into the same folder has found."""
+    for name, instance in started(options):
+        result_file(options, name, instance).unlink(missing_ok=True)
+    (options.out / "report.html").unlink(missing_ok=True)
+
+
 def results(options):
+    """Of this run's scenarios, so far; an older one's in the same folder do not count."""
+    files = [result_file(options, name, instance) for name, instance in started(options)]
+    return [json.loads(file.read_text()) for file in files if file.exists()]
+
+
+def outcome(options, bad):
+    """The result of each scenario that was started. Which ended badly (their names: `bad`), or without one of these
+    did not end at all, has a failure. Report, console and status are made of this."""
+    from . import recorder
     found = []
-    for path in sorted(options.out.glob("*/result.json")):
-        found.append((path.parent, json.loads(path.read_text())))
+    for name, instance in started(options):
+        file = result_file(options, name, instance)
+        result = json.loads(file.read_text()) if file.exists() else recorder.empty(
+            {"name": name, "instance": instance}, "it wrote no result")
+        if not result["failure"] and (f"{name}-{instance}" in bad or not (bad or result["ended"])):
+            result["failure"] = "did not end"
+        found.append(result)
     return found
 
 
 def start(options):
     """One process for each scenario and instance."""
     children = {}
-    for name in options.transports:
-        for instance in range(options.instances):
-            words = [sys.executable, "-m", "soak", "--one", name, "--instance", str(instance),
-                     "--seed", str(options.seed), "--duration", str(options.duration), "--out", str(options.out)]
-            if options.episodes is not None:
-                words += ["--episodes", str(options.episodes)]
-            if options.lie:
-                words += ["--lie", options.lie]
-            children[f"{name}-{instance}"] = subprocess.Popen(
-                words, cwd=HERE.parent, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-                preexec_fn=os.setpgrp)
+    for name, instance in started(options):
+        words = [sys.executable, "-m", "soak", "--one", name, "--instance", str(instance),
+                 "--seed", str(options.seed), "--duration", str(options.duration), "--out", str(options.out)]
+        if options.episodes is not None:
+            words += ["--episodes", str(options.episodes)]
+        if options.lie:
+            words += ["--lie", options.lie]
+        children[f"{name}-{instance}"] = subprocess.Popen(
+            words, cwd=HERE.parent, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+            preexec_fn=os.setpgrp)
     return children
 
 
 def progress(options, begin):
-    data = [result for _, result in results(options)]
+    data = results(options)
     counts = {}
     for result in data:
         for name, n in result["counts"].items():
@@ -186,13 +215,25 @@ def watch(options, children):
     return [name for name, child in children.items() if child.returncode]
 
 
+def tell(options, failed):
+    """The last lines on the console."""
+    for result in failed:
+        about = result["about"]
+        name = f"{about['name']}-{about['instance']}"
+        print(f"soak: {name}, episode {result['episodes']}: {result['failure']}")
+        print(f"soak: log {options.out / name / 'log.txt'}; again: make soak SEED={options.seed} "
+              f"TRANSPORTS={about['name']} DURATION={options.duration:g}s INSTANCES={options.instances}")
+
+
 def main():
     options = arguments()
     if options.one:
         one(options)
-    from . import clock, report
+    from . import clock, origin, report
     options.out.mkdir(parents=True, exist_ok=True)
+    forget(options)
     clock.build(options.out)
+    begun = origin.line()
     print(f"soak: seed {options.seed}, {options.duration:g} s, {', '.join(options.transports)}, "
           f"{options.instances} of each; logs and report in {options.out}", flush=True)
     children = {}
@@ -201,17 +242,13 @@ def main():
         bad = watch(options, children)
     finally:
         stop(children)
+    found = outcome(options, bad)
     page = options.out / "report.html"
-    page.write_text(report.page(options, results(options)))
+    page.write_text(report.page(options, found, begun))
     print(f"soak: report {page}")
-    for name in bad:
-        scenario, _, instance = name.rpartition("-")
-        file = options.out / name / "result.json"
-        result = json.loads(file.read_text()) if file.exists() else {"failure": "it wrote no result", "episodes": 0}
-        print(f"soak: {name}, episode {result['episodes']}: {result['failure'] or 'did not end'}")
-        print(f"soak: log {options.out / name / 'log.txt'}; again: make soak SEED={options.seed} "
-              f"TRANSPORTS={scenario} DURATION={options.duration:g}s INSTANCES={options.instances}")
-    sys.exit(1 if bad else 0)
+    failed = [result for result in found if result["failure"]]
+    tell(options, failed)
+    sys.exit(1 if failed else 0)
 
 
 if __name__ == "__main__":

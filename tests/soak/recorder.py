@@ -7,12 +7,17 @@ import time
 KEPT = 4000  # values of one figure
 
 
+def empty(about, failure=None):
+    """The result of a scenario that has not played yet."""
+    return {"about": about, "episodes": 0, "faults": {}, "counts": {}, "figures": {}, "series": [], "failure": failure,
+            "seconds": 0.0, "ended": False}
+
+
 class Recorder:
     def __init__(self, path, about):
         self.path = path
         self.begin = time.monotonic()
-        self.data = {"about": about, "episodes": 0, "faults": {}, "counts": {}, "figures": {},
-                     "series": [], "failure": None, "seconds": 0.0, "ended": False}
+        self.data = empty(about)
         self.written = 0.0
 
     def now(self):

@@ -143,13 +143,14 @@ def summary(results):
     for name, group in groups.items():
         counts = [sum(r["counts"].get(key, 0) for r in group)
                   for key in ("values judged", "setpoints judged", "puts")]
-        bad = sum(1 for r in group if r["failure"])
+        state = ("WRONG" if any(r["failure"] for r in group) else
+                 "right" if all(r["ended"] for r in group) else "stopped")
         rows.append((name, len(group), f"{sum(r['seconds'] for r in group) / 3600:.2f}",
-                     sum(r["episodes"] for r in group), *counts, "WRONG" if bad else "right"))
+                     sum(r["episodes"] for r in group), *counts, state))
     return table(("scenario", "instances", "hours", "episodes", "values judged", "setpoints judged", "puts", ""), rows)
 
 
-def verdict(options, results):
+def verdict(results):
     bad = [r for r in results if r["failure"]]
     hours = sum(r["seconds"] for r in results) / 3600
     if not bad:
@@ -160,9 +161,8 @@ def verdict(options, results):
     return f'<p class="bad"><b>Wrong:</b></p><ul class="bad">{items}</ul>'
 
 
-def page(options, folders):
-    """folders: (folder, result) of each scenario."""
-    results = [result for _, result in folders]
+def page(options, results, begun):
+    """results: of each scenario; begun: one line of when and what was run."""
     faults = {}
     for result in results:
         for name, n in result["faults"].items():
@@ -182,7 +182,7 @@ def page(options, folders):
               figure("Descriptors of each IOC", lines(files, "", 1))]
     return ("<!DOCTYPE html><html lang=\"en\"><head><meta charset=\"utf-8\"><title>plclink: soak</title>"
             f"<style>{STYLE}</style></head><body><h1>plclink: soak, seed {options.seed}</h1>"
-            f"{verdict(options, results)}<p>Again: <code>{escape(command)}</code></p>{summary(results)}"
+            f"{verdict(results)}<p>{escape(begun)}</p><p>Again: <code>{escape(command)}</code></p>{summary(results)}"
             f"{''.join(plots)}"
             + by_fault(results, "gap", "Inputs INVALID, episodes of one fault alone")
             + by_fault(results, "last block to INVALID", "From the last block to INVALID")

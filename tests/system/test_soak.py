@@ -1,13 +1,17 @@
 """The soak itself (docs/soak.md): a short one on every transport, and lies that it must find."""
 import json
+import os
 import re
+import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from client import TOP
 from soak.__main__ import PROGRAMS, TRANSPORTS, arguments, seconds
+from waiting import until
 
 
 def soak(folder, *words):
@@ -40,6 +44,25 @@ def test_liar(tmp_path, transport, lie, kinds):
     log = (tmp_path / f"{transport}-0/log.txt").read_text()
     assert re.search(r"^ +\d+\.\d+ \S+ episode 0: .* s$", log, re.M) and "--- the IOC's log" in log and "--- plcSim" in log and "--- the last blocks: [(" in log
     assert "Nothing lost" not in (tmp_path / "report.html").read_text()
+
+
+def test_killed(tmp_path):
+    """a scenario that is killed makes the run red: on the console, in the status and in the report"""
+    (tmp_path / "report.html").write_text("of an earlier run")
+    run = subprocess.Popen([sys.executable, "-m", "soak", "--out", str(tmp_path), "--seed", "1", "--transports", "blocks"],
+                           cwd=TOP / "tests", stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        until(lambda: (tmp_path / "blocks-0/result.json").exists() or run.poll() is not None, "a first result")
+        assert not (tmp_path / "report.html").exists()
+        for child in Path(f"/proc/{run.pid}/task/{run.pid}/children").read_text().split():
+            os.kill(int(child), signal.SIGKILL)
+        console, _ = run.communicate()
+    finally:
+        run.send_signal(signal.SIGINT)  # it ends with all that it has started
+        run.wait()
+    assert run.returncode == 1 and re.search(r"blocks-0, episode \d+: did not end", console), console
+    page = (tmp_path / "report.html").read_text()
+    assert "Nothing lost" not in page and "<td>WRONG</td>" in page and "Started 20" in page
 
 
 def test_defaults(monkeypatch):

@@ -1,15 +1,18 @@
 """The plan and the judge of the soak (docs/soak.md): pure logic, each verdict both ways."""
 import contextlib
 import importlib
+import json
+import re
 import struct
+import subprocess
 import time
 import types
 
 import pytest
 from epics.ca import ChannelAccessException
 
-from soak import judge, plan, report, wire
-from soak.__main__ import TRANSPORTS
+from soak import judge, origin, plan, recorder, report, wire
+from soak.__main__ import TRANSPORTS, forget, outcome, results, tell
 from soak.blocks import Edges, Frames
 from soak.etherip import EtherIp
 from soak.modbus import Modbus
@@ -278,19 +281,98 @@ def test_lies():
         assert lie(wire.TO_PLC, b"12345678", {}) == b"12345678" and lie(wire.TO_IOC, b"1", {}) == b"1"
 
 
-def test_report():
+def run_of(folder, *names):
+    """Arguments of a run of these scenarios, two of each."""
+    return types.SimpleNamespace(seed=5, duration=60.0, transports=list(names), instances=2, out=folder)
+
+
+def result_of(name, instance, **more):
+    return {**recorder.empty({"name": name, "instance": instance, "seed": 5, "duration": 60}), "episodes": 3,
+            "faults": {"reset": 2}, "counts": {"values judged": 7}, "seconds": 60.0, "ended": True,
+            "figures": {"gap": {"reset": {"n": 2, "max": 0.5, "values": [0.1, 0.5]}}},
+            "series": [[0.0, 1e6, 10, 1], [5.0, 2e6, 11, 1]], **more}
+
+
+def write(folder, result):
+    file = folder / f"{result['about']['name']}-{result['about']['instance']}" / "result.json"
+    file.parent.mkdir(exist_ok=True)
+    file.write_text(json.dumps(result))
+
+
+def test_report(tmp_path):
     """the page says what was wrong, escapes it, and needs nothing else"""
-    class options:
-        seed, duration, transports, instances = 5, 60.0, ["blocks"], 1
-    result = {"about": {"name": "blocks", "instance": 0, "seed": 5, "duration": 60}, "episodes": 3,
-              "faults": {"reset": 2}, "counts": {"values judged": 7}, "seconds": 60.0, "ended": True,
-              "figures": {"gap": {"reset": {"n": 2, "max": 0.5, "values": [0.1, 0.5]}}},
-              "series": [[0.0, 1e6, 10, 1], [5.0, 2e6, 11, 1]], "failure": None}
-    page = report.page(options, [(None, result)])
+    options = run_of(tmp_path, "blocks")
+    page = report.page(options, [result_of("blocks", 0)], "Started <now>")
     assert "Nothing lost" in page and "make soak SEED=5" in page and page.count("<svg") >= 4
+    assert "<td>right</td>" in page and "Started &lt;now&gt;" in page
     assert "<script" not in page and "http-equiv" not in page
-    page = report.page(options, [(None, {**result, "failure": "stale: <n>"})])
-    assert "Nothing lost" not in page and "stale: &lt;n&gt;" in page
+    page = report.page(options, [result_of("blocks", 0, failure="stale: <n>")], "")
+    assert "Nothing lost" not in page and "stale: &lt;n&gt;" in page and "<td>WRONG</td>" in page
+
+
+@pytest.mark.parametrize("second, bad, failures, state", [
+    ({}, [], [None, None], "right"),
+    ({"ended": False}, ["blocks-1"], [None, "did not end"], "WRONG"),
+    ({"ended": False}, ["blocks-0"], ["did not end", None], "WRONG"),
+    ({"ended": False}, [], [None, "did not end"], "WRONG"),
+    ({"failure": "torn: n"}, ["blocks-1"], [None, "torn: n"], "WRONG"),
+    ({"failure": "torn: n"}, ["blocks-0"], ["did not end", "torn: n"], "WRONG"),
+    (None, ["blocks-1"], [None, "it wrote no result"], "WRONG")],
+    ids=["right", "killed", "stopped", "not told", "wrong", "both", "no result"])
+def test_outcome(tmp_path, capsys, second, bad, failures, state):
+    """report and console say the same: a scenario that was killed, overran or wrote nothing is wrong ({id})"""
+    options = run_of(tmp_path, "blocks")
+    write(tmp_path, result_of("blocks", 0))
+    if second is not None:
+        write(tmp_path, result_of("blocks", 1, **second))
+    found = outcome(options, bad)
+    assert [r["failure"] for r in found] == failures
+    tell(options, [r for r in found if r["failure"]])
+    page, console = report.page(options, found, ""), capsys.readouterr().out
+    assert ("Nothing lost" in page) == (not console) and f"<td>{state}</td>" in page
+    for instance, failure in enumerate(failures):
+        for text in (page, console):
+            assert (f"blocks-{instance}, episode " in text) == bool(failure)
+            assert not failure or failure in text
+
+
+def test_stopped(tmp_path):
+    """a scenario that was ended because another was wrong is neither wrong nor right"""
+    options = run_of(tmp_path, "blocks", "pair")
+    for name in options.transports:
+        for instance in (0, 1):
+            write(tmp_path, result_of(name, instance, ended=False))
+    page = report.page(options, outcome(options, ["pair-1"]), "")
+    assert "<td>stopped</td>" in page and "<td>WRONG</td>" in page and "<td>right</td>" not in page
+
+
+def test_only_this_run(tmp_path):
+    """what an earlier run has left in the folder does not count"""
+    for name in ("blocks", "pair"):
+        for instance in range(3):
+            write(tmp_path, result_of(name, instance, failure="stale: of yesterday"))
+    (tmp_path / "report.html").write_text("Nothing lost")
+    options = run_of(tmp_path, "blocks")
+    forget(options)
+    assert results(options) == [] and not (tmp_path / "report.html").exists()
+    for instance in (0, 1):
+        write(tmp_path, result_of("blocks", instance))
+    assert [r["about"]["instance"] for r in results(options)] == [0, 1]
+    assert [r["failure"] for r in outcome(options, [])] == [None, None]
+
+
+def test_origin(monkeypatch, tmp_path):
+    """one line says start, commit, Base and cores; sources without a checkout of their own have no commit"""
+    assert re.fullmatch(r"Started 20\d\d-\d\d-\d\d \d\d:\d\d:\d\d [+-]\d{4}; plclink \d+\.\d+\.\d+, commit \S+; "
+                        r"EPICS 7\.\S+; \d+ cores", origin.line())
+    monkeypatch.setattr(origin, "TOP", tmp_path)
+    assert origin.commit() is None
+    for words in (["init", "-q"], ["-c", "user.name=a", "-c", "user.email=a", "commit", "-qm", "a", "--allow-empty"]):
+        subprocess.run(["git", *words], cwd=tmp_path, check=True)
+    assert re.fullmatch(r"[0-9a-f]{7,}", origin.commit())
+    (tmp_path / "a").touch()
+    subprocess.run(["git", "add", "a"], cwd=tmp_path, check=True)
+    assert origin.commit().endswith("-dirty")
 
 
 # --- Waiting ---------------------------------------------------------------------------------
