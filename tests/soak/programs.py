@@ -17,6 +17,11 @@ def path(name):
     return client.TOP / "tests/unit" / f"O.{client.ARCH}" / name
 
 
+def episodes(text):
+    """How many a checker says that it ran, in a comment or with a test: the first number of them."""
+    return int(re.search(r"\b(\d+) episodes", text).group(1))
+
+
 def run(name, instance, seed, seconds, recorder, say):
     """Until the time is over. Returns None, or what is wrong."""
     number = 0
@@ -32,9 +37,7 @@ def run(name, instance, seed, seconds, recorder, say):
         if done.returncode or re.search("^not ok", done.stdout, re.M):
             say(done.stdout)
             return f"wrong: {' '.join(words)} ended with status {done.returncode}"
-        episodes = re.search(r"(\d+) episodes", "\n".join(
-            line for line in done.stdout.splitlines() if line.startswith("ok")) or done.stdout)
-        recorder.data["episodes"] += int(episodes.group(1)) if episodes else COUNT.get(name, 0)
+        recorder.data["episodes"] += episodes(done.stdout)
         recorder.write()
         number += 1
     recorder.data["ended"] = True

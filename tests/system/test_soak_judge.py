@@ -11,8 +11,8 @@ import types
 import pytest
 from epics.ca import ChannelAccessException
 
-from soak import judge, origin, plan, recorder, report, wire
-from soak.__main__ import TRANSPORTS, forget, outcome, results, tell
+from soak import judge, origin, plan, programs, recorder, report, wire
+from soak.__main__ import PROGRAMS, TRANSPORTS, forget, outcome, results, tell
 from soak.blocks import Edges, Frames
 from soak.etherip import EtherIp
 from soak.modbus import Modbus
@@ -373,6 +373,15 @@ def test_origin(monkeypatch, tmp_path):
     (tmp_path / "a").touch()
     subprocess.run(["git", "add", "a"], cwd=tmp_path, check=True)
     assert origin.commit().endswith("-dirty")
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_program(monkeypatch, tmp_path, name):
+    """the episodes that {name} says are counted"""
+    monkeypatch.setattr(programs, "COUNT", {key: 1 for key in programs.COUNT})
+    of = recorder.Recorder(tmp_path / "result.json", {"name": name, "instance": 0})
+    assert programs.run(name, 0, 1, 0.5, of, print) is None
+    assert of.data["ended"] and of.data["episodes"] > 0
 
 
 # --- Waiting ---------------------------------------------------------------------------------
