@@ -615,7 +615,7 @@ MANGLED = {
 
 
 def test_wrong_answers(new_modbus, new_ioc):
-    """wrong answers of every kind: no wrong value, the IOC lives, and all is good afterwards"""
+    """wrong answers of every kind: the connection is given up, no wrong value, the IOC lives, and all is good afterwards"""
     peers, lines, db = {}, [], ""
     for i, name in enumerate(MANGLED):
         peers[name] = new_modbus(size=16)
@@ -632,12 +632,14 @@ def test_wrong_answers(new_modbus, new_ioc):
         ioc.wait_value(f"in{i}", 1234)
         ioc.wait_alarm(f"in{i}", "NO_ALARM")
     marks = {name: peer.mark() for name, peer in peers.items()}
+    before = {name: peer.connections for name, peer in peers.items()}
     for name, peer in peers.items():
         peer.mangle = lambda request, frame, wrong=MANGLED[name]: wrong(frame) if request.function == 3 else frame
     for i, (name, peer) in enumerate(peers.items()):
         peer.wait_requests(4, marks[name], function=3)
         if name not in ("bytes behind it", "an answer twice"):
             ioc.wait_alarm(f"in{i}", "INVALID")
+            peer.wait_connected(before[name] + 1)
     for peer in peers.values():
         peer.mangle = None
         peer.holding[0] = 4321
@@ -1020,24 +1022,38 @@ def test_word_order_that_means_nothing(new_modbus, new_ioc):
 STATS = "".join(f'record(ai, "$(P){name}") {{ field(DTYP, "S7plc stats") field(INP, "@PLC/{name}") '
                 f'field(SCAN, ".1 second") field(PREC, "3") }}\n'
                 for name in ("requests", "exceptions", "requestTimeouts", "requestLatency",
-                             "requestLatencyMax", "blocksIn", "connects"))
+                             "requestLatencyMax", "blocksIn", "blocksOut", "connects"))
+
+OUT = 'record(longout, "$(P)out") { field(DTYP, "S7plc") field(OUT, "@PLC/0 T=INT16") }\n'
 
 
 def test_statistics(new_modbus, new_ioc):
     """statistics count requests, exceptions and time-outs, and time the answers"""
     peer = new_modbus()
-    ioc = new_ioc(peer.configure("holding 0 10 every 20, input 0 10 every 20", timeout=300), PROBE + STATS)
+    ioc = new_ioc(peer.configure("holding 0 10 every 20, input 0 10 every 20", "holding 40 10", timeout=300),
+                  PROBE + STATS + OUT)
     until(lambda: ioc.get("requests") >= 20, "20 requests")
     assert ioc.get("requests") <= peer.mark()
     assert ioc.get("exceptions") == ioc.get("requestTimeouts") == 0
     assert 0 < ioc.get("requestLatency") <= ioc.get("requestLatencyMax")
     assert ioc.get("blocksIn") > 0
+    assert ioc.get("blocksOut") == 0
+    for value in 1, 2, 3:
+        ioc.put("out", value)
+        until_equal(lambda: ioc.get("blocksOut"), value)
+    rule = peer.refuse((6, 16), 40)
+    ioc.put("out", 4)
+    ioc.wait_alarm("out", "INVALID", "WRITE")
+    peer.refuse_no_more(rule)
+    ioc.put("out", 5)
+    until_equal(lambda: peer.holding[40], 5)
+    until_equal(lambda: ioc.get("blocksOut"), 4)  # the refused one does not count
     peer.delay = 0.05
     until(lambda: ioc.get("requestLatency") >= 50, "latency of a slow PLC")
     assert ioc.get("requestLatencyMax") >= 50
     peer.delay = 0
-    rule = peer.refuse(4, 5)
-    until(lambda: ioc.get("exceptions") >= 3, "exceptions")
+    rule, refused = peer.refuse(4, 5), ioc.get("exceptions")
+    until(lambda: ioc.get("exceptions") >= refused + 3, "exceptions")
     peer.refuse_no_more(rule)
     peer.silent = True
     until(lambda: ioc.get("requestTimeouts") >= 1, "a time-out")

@@ -250,6 +250,24 @@ def test_with_track(new_modbus, new_ioc):
     assert d.ioc.get("losses") == 1 and len(d.tries()) <= 3
 
 
+def test_waiting_with_track(new_modbus, new_ioc):
+    """with track=on a put that waited behind an unanswered one is not written, and says so until the next put"""
+    d = Device(new_modbus, new_ioc, "track on", "complete sent", "requestTimeout 4000")
+    plc, ioc = d.plc, d.ioc
+    ioc.connect(["o5", "o8", "losses"])
+    ioc.put("o5", 7)
+    until(d.tries, "the write that has no answer")
+    ioc.put("o8", 8)
+    ioc.wait_alarm("o8", "INVALID", "WRITE", "not written: PLC was away")
+    ioc.wait_value("o8", 0)
+    until_equal(lambda: ioc.get("losses"), 1)
+    assert {a for r in plc.writes() for a in r.addresses()} == {BASE + 5}
+    plc.holding[BASE + 8] = 3
+    ioc.wait_value("o8", 3)
+    assert ioc.alarm("o8") == ("INVALID", "WRITE", "not written: PLC was away")
+    d.good("o8", 9, 8)
+
+
 @pytest.mark.parametrize("how", ["mute", "echo"])
 def test_heartbeat(new_modbus, new_ioc, how):
     """{how} for the heartbeat register: it is counted once more after the reconnect, then once a minute; the station goes on"""

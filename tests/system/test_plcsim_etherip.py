@@ -259,6 +259,19 @@ def test_refused(new_tags, new_comm, new_logix):
     assert plc.write("INT", 5).error is None
 
 
+@pytest.mark.parametrize("key, shown, writes", [("remote", "REMOTE RUN", True), ("run", "RUN", False),
+                                                ("prog", "PROG", True)])
+def test_key(new_tags, new_comm, key, shown, writes):
+    """etherip_key={key} in the file, or by the console: clients see {shown}; a write is taken: {writes}"""
+    turned = new_tags()
+    turned.command(f"etherip key {key}")
+    for sim in new_tags("l8x", "-o", f"etherip_key={key}"), turned:
+        plc = new_comm(sim)
+        assert plc.info["keyswitch"] == shown
+        assert (plc.write("INT", 5).error is None) is writes
+        assert plc.read("INT").value == (5 if writes else 0)
+
+
 def test_slot(new_tags, new_comm):
     """The CPU is in its slot and in no other"""
     sim = new_tags("l8x", "-o", "etherip_slot=2")

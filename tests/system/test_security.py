@@ -138,6 +138,17 @@ class RandomSender:
         self.thread.join()
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_plctag_random_bytes(closing, seed):
+    """random bytes without end (seed {seed}): plcTag ends with status 1 and one line"""
+    sender = RandomSender(1 << 20, seed)
+    closing(sender)
+    ended = subprocess.run([TOP / "bin" / ARCH / "plcTag", "-w", "0.2", f"127.0.0.1:{sender.port}", "list"],
+                           capture_output=True, text=True, timeout=60)
+    assert sender.connections and (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (1, "", 1), ended
+    assert ended.stderr.startswith("plcTag: "), ended
+
+
 FLOODS = {
     "blocks": ("s7plcIoc", "s7plcConfigure PLC, 127.0.0.1, {port}, 64, 8\n", DB),
     "Modbus": ("s7plcIoc", "modbusplcConfigure PLC, 127.0.0.1, {port}, 1, \"holding 0 100\", \"coils 0 8\"\n", DB),
@@ -178,17 +189,18 @@ def test_no_privilege(new_ioc, new_peer):
 
 
 # --- How it is compiled -------------------------------------------------------------------------------
-@pytest.mark.parametrize("product", ["bin/*/s7plcIoc", "bin/*/plcSim", "lib/*/libs7plc.so", "lib/*/libether_ip.so"])
+@pytest.mark.parametrize("product", ["bin/*/s7plcIoc", "bin/*/plcSim", "bin/*/plcTag", "lib/*/libs7plc.so", "lib/*/libether_ip.so"])
 def test_hardened(product):
-    """{product} has read-only tables of the loader, guarded stacks and checked copies"""
+    """{product} has read-only tables of the loader, guarded stacks and checked copies, and may lie anywhere"""
     found = list(TOP.glob(product))
     if not found:
         pytest.skip("built without it")
-    dynamic, headers, symbols = (
+    kind, dynamic, headers, symbols = (
         subprocess.run(["readelf", "-W", words, found[0]], capture_output=True, text=True, check=True).stdout
-        for words in ("-d", "-l", "--dyn-syms"))
+        for words in ("-h", "-d", "-l", "--dyn-syms"))
     if "san.so" in dynamic:
         pytest.skip("built with a sanitizer")
+    assert re.search(r"Type: +DYN", kind)
     assert "GNU_RELRO" in headers
     assert "BIND_NOW" in dynamic or re.search(r"FLAGS_1.*NOW", dynamic)
     if product.endswith("Ioc"):

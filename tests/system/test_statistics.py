@@ -2,6 +2,7 @@
 import datetime
 import re
 import struct
+import time
 
 import pytest
 
@@ -75,9 +76,11 @@ def test_connected(plc):
             lastError="", lastErrorTime="", burstSize=0, blockTime="")
     now.time("connectTime")
     until(lambda: now["connectedFor"] > 0)
-    until(lambda: now["stateTime"] > 0)
+    until(lambda: now["stateTime"] > 0.1)
+    begin = time.monotonic()
     peer.send(clock(1000))
     now.are(alive=1, state=3, stateText="ok", reason="", blocksIn=1, bytesIn=SIZE, periodMax=0, setpoints=1)
+    assert now["stateTime"] < time.monotonic() - begin + 0.01 < now["connectedFor"]  # it began anew
     assert 900 < now["clockOffset"] < 1100
     assert now["blockAge"] >= 0 and now["clockErrors"] == 0
     assert now.time("blockTime") > now.time("connectTime") + datetime.timedelta(seconds=900)  # the PLC's clock

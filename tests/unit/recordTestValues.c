@@ -214,6 +214,9 @@ static const struct {
      "FTVL=UCHAR|NELM=1", "ff", "VAL", "165"},
     {"aai reads NELM elements", "aai", "", "FTVL=DOUBLE|NELM=2",
      "3ff00000000000004000000000000000", "VAL", "1,2"},
+    {"aai sets NORD to NELM", "aai", "", "FTVL=SHORT|NELM=3", "0001", "NORD", "3"},
+    {"aai S7STRING has their number in NORD", "aai", " T=S7STRING L=4",
+     "FTVL=CHAR|NELM=6", "04034142434445", "NORD", "3"},
     {"aai T=TIME", "aai", " T=TIME", "FTVL=CHAR|NELM=2", "5958", "VAL", "59,58"},
 };
 
