@@ -280,4 +280,5 @@ def lie_of(kind, way, size):
         if kind == "tear":
             return data[:size // 2] + seen[-2][size // 2:]
         return seen[0]
+    lie.way = way
     return lie

@@ -88,7 +88,8 @@ class World:
         self.directory, self.seed, self.recorder = directory, seed, recorder
         self.key = f"{self.NAME}-{instance}"
         self.say = say
-        self.lie = lie
+        self.lie = lie if lie and lie.way == wire.TO_IOC else None
+        self.lie_of_episodes = lie
         self.pulse = Pulse()
         self.loop = wire.Loop()
         self.inputs = judge.Inputs(self.TIMEOUT)
@@ -616,6 +617,9 @@ class World:
         self.start_ioc()
         self.fault_end = None
         self.settle(self.dice)
+        self.lie = self.lie_of_episodes  # to the PLC only now: the first puts alone may be enough for it
+        for proxy in self.proxies:
+            proxy.lie = self.lie
         number = young = 0
         while self.recorder.now() < seconds and (episodes is None or number < episodes):
             lives = self.lives
