@@ -147,14 +147,16 @@ def test_reset_later(plant):
 
 def test_names_of_elements(plant):
     """an element is named in the log as in its link, also where the tag has fewer dimensions"""
-    plant.tags("tag A DINT[10]", "tag T DINT[3,4]", "tag Str STRING = abc")
-    plant.records(rec("longin", "one", "A[1,2] S 0.05"), rec("longin", "end", "A[99] S 0.05"),
-                  rec("waveform", "text", "Str S 0.05", "FTVL=CHAR", "NELM=82"))
+    plant.tags("tag A DINT[10]", "tag T DINT[3,4]", "tag Str STRING = abc", "tag C SINT[82]")
+    plant.records(rec("longin", "one", "A[1,2] S 0.05"), rec("longin", "end", "A[9] S 0.05"),
+                  rec("waveform", "text", "C S 0.05", "FTVL=CHAR", "NELM=82"))
     plant.ioc.wait_alarm("one", "INVALID", "READ", "PLC: no such tag or dimension (05)", ask=True)
-    plant.ioc.wait_alarm("text", "INVALID", "READ", "the tag is no array of numbers", ask=True)
-    plant.ioc.wait_alarm("end", "INVALID", "READ", "PLC: no such element (05)", ask=True)
     plant.ioc.wait_log("tag A[1,2]: PLC: no such tag or dimension (05)")
+    plant.ioc.put("end.INP", "@P A[99] S 0.05")  # one after the other: each has a line of its own
+    plant.ioc.wait_alarm("end", "INVALID", "READ", "PLC: no such element (05)", ask=True)
     plant.ioc.wait_log(f"record {plant.ioc.P}end, tag A[99]: PLC: no such element (05)")
+    plant.ioc.put("text.INP", "@P Str S 0.05")
+    plant.ioc.wait_alarm("text", "INVALID", "READ", "the tag is no array of numbers", ask=True)
     plant.ioc.put("one.INP", "@P T[1,9] S 0.05")
     plant.ioc.wait_log("tag T[1,9]: PLC: no such element (05)")
     plant.ioc.wait_log("tag Str: the tag is no array of numbers")

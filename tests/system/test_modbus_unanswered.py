@@ -219,8 +219,9 @@ def test_bits(new_modbus, new_ioc, single, name, bad):
 
 def test_order_behind(new_modbus, new_ioc):
     """puts behind one that is never answered leave in their order, with writes=all each of them"""
-    d = Device(new_modbus, new_ioc, "readPeriod 50", "writes all", "complete sent")
+    d = Device(new_modbus, new_ioc, "readPeriod 50", "writes all", "complete sent", "requestTimeout 2000")
     ioc = d.ioc
+    ioc.connect(["o1", "o5", "o9", "k2"])
     ioc.put("o5", 1)
     d.ended("o5", "no answer")
     mark = d.plc.mark()
