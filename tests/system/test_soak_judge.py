@@ -336,7 +336,7 @@ def test_outcome(tmp_path, capsys, second, bad, failures, state):
             assert not failure or failure in text
 
 
-def test_stopped(tmp_path):
+def test_stopped_scenario(tmp_path):
     """a scenario that was ended because another was wrong is neither wrong nor right"""
     options = run_of(tmp_path, "blocks", "pair")
     for name in options.transports:
