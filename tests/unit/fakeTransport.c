@@ -79,10 +79,10 @@ static int news(void *pvt, plcNews *n, void *input, void *output)
         epicsTimeGetCurrent(&n->stamp);
         memset(input, 7, made.inSize);
     }
-    n->shown = epicsAtomicGetIntT(&fake.shows);
+    n->shown = epicsAtomicCmpAndSwapIntT(&fake.shows, 1, 2) == 1;
     if (n->shown) {
         memcpy(output, fake.output, made.outSize);
-        epicsAtomicSetIntT(&fake.shows, 0); /* now it may have others */
+        epicsAtomicCmpAndSwapIntT(&fake.shows, 2, 0); /* now it may have others */
     }
     n->lost = epicsAtomicCmpAndSwapIntT(&fake.lost, 1, 0);
     if (n->lost)

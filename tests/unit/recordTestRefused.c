@@ -58,9 +58,9 @@ static void show(plcStation *s, int first, int second)
 {
     fake.output[1] = (char)first;
     fake.output[3] = (char)second;
-    epicsAtomicSetIntT(&fake.shows, 1);
+    epicsAtomicCmpAndSwapIntT(&fake.shows, 0, 1);
     plcStationTell(s);
-    WAIT_FOR(!epicsAtomicGetIntT(&fake.shows) && plcStationTaken(s));
+    WAIT_FOR(epicsAtomicCmpAndSwapIntT(&fake.shows, 0, 0) == 0 && plcStationTaken(s));
 }
 
 static void reconnect(plcStation *s)

@@ -5,6 +5,7 @@
 #include <dbAccess.h>
 #include <dbUnitTest.h>
 #include <devSup.h>
+#include <epicsAtomic.h>
 #include <epicsEvent.h>
 #include <epicsMutex.h>
 #include <epicsStdio.h>
@@ -98,7 +99,7 @@ static place places[MAX_RECORDS];
 static int numPlaces;
 
 /* The record that stops in its processing until the gate is opened. */
-static longinRecord *volatile gateRecord;
+static EpicsAtomicPtrT gateRecord; /* a record that waits when it processes; NULL: none */
 static epicsEventId gateReached, gateOpen;
 
 static long initRecord(dbCommon *common)
@@ -172,7 +173,7 @@ static long readLongin(longinRecord *prec)
         noteOwn(prec);
     if (((place *)prec->dpvt)->p == &large)
         noteLarge();
-    if (prec == gateRecord) {
+    if (epicsAtomicCmpAndSwapPtrT(&gateRecord, prec, prec) == prec) {
         epicsEventMustTrigger(gateReached);
         epicsEventMustWait(gateOpen);
     }
@@ -196,12 +197,12 @@ static longinRecord *record(const char *name)
 
 static void closeGate(const char *name)
 {
-    gateRecord = record(name);
+    epicsAtomicCmpAndSwapPtrT(&gateRecord, NULL, record(name));
 }
 
 static void openGate(void)
 {
-    gateRecord = NULL;
+    epicsAtomicCmpAndSwapPtrT(&gateRecord, epicsAtomicGetPtrT(&gateRecord), NULL);
     epicsEventMustTrigger(gateOpen);
 }
 
