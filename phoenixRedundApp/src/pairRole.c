@@ -94,12 +94,15 @@ static void lead(pairRole *r, unsigned which, pairReason reason, epicsUInt64 sil
     forgetClaims(r);
 }
 
-/* What is much longer than ever says that the IOC stood still: a PLC that has become slower is
- * learned step by step. */
-static epicsUInt64 plausible(const pairMember *m, epicsUInt64 interval)
+/* What is much longer than ever says that the IOC stood still, not how long the PLC's period is: a PLC
+ * that has become slower is learned step by step. The least step: blocks that an IOC finds together
+ * have no time between them. */
+static epicsUInt64 plausible(const pairRole *r, const pairMember *m, epicsUInt64 interval)
 {
-    epicsUInt64 most = 2 * longestOf(m);
+    epicsUInt64 most = 2 * longestOf(m), least = r->recvTimeout / 8;
 
+    if (most < least)
+        most = least;
     return m->intervals >= KNOWN && interval > most ? most : interval;
 }
 
@@ -112,7 +115,7 @@ static void noteInterval(pairRole *r, unsigned which, epicsUInt64 now)
     if (m->lastBlock && !leads && now > quietAt(r, which))
         m->refuted = 0;
     if (m->lastBlock && (leads || now - m->lastBlock <= silentAtMost(r, which, 2)))
-        m->interval[m->intervals++ % PAIR_INTERVALS] = plausible(m, now - m->lastBlock);
+        m->interval[m->intervals++ % PAIR_INTERVALS] = plausible(r, m, now - m->lastBlock);
     m->lastBlock = now;
 }
 

@@ -10,10 +10,11 @@
  *      nobody leads.
  *   3. A block of the other PLC while one leads is a claim. It succeeds as soon as the
  *      PRIMARY is overdue: silent for longer than its longest interval of late (and a
- *      sixteenth and 1 ms more; one interval counts at most twice the longest before, else an
- *      IOC that stood still would wait as long). That is at once when the PRIMARY has fallen silent
+ *      sixteenth and 1 ms more). That is at once when the PRIMARY has fallen silent
  *      before; else when its next block does not come in time. A block of the PRIMARY
  *      refutes the claim, and gives it a third of an interval more next time.
+ *      An interval counts at most twice the longest before it, or an eighth of recvTimeout:
+ *      it may be that the IOC stood still.
  *   4. Who claims again after it was refuted three times shows that both send: "two
  *      PRIMARIES". The present one stays until it misses two blocks.
  * So neither blocks of the old PRIMARY that were still on their way nor two PRIMARIES make

@@ -68,7 +68,10 @@ static const struct {
      "1@1300 2@1310 .@1350 F .@1355 S"},
  /* the IOC stood still */
     {"an IOC that stood still meanwhile, and finds blocks of both: the other leads soon",
-     "1@0 1@100 1@200 1@300 1@400 1@4000 2@4000 F .@4210 F .@4214 S #1 ?s"                                                                  },
+     "1@0 1@100 1@200 1@300 1@400 1@4000 2@4000 F .@4260 F .@4267 S #1 ?s"                                                                  },
+    {"many blocks found at once tell nothing of the period: it is known again with the next ones",
+     "1@0 1@100 1@200 1@300 1@400 1@500 1@500 1@500 1@500 1@500 1@500 1@500 1@500 1@500 1@600 "
+     "1@700 2@710 F .@800 F .@808 S #1"                                                                                                     },
     {"a PLC that has become slower is learned within two blocks",
      "1@0 1@100 1@200 1@300 1@400 1@800 1@1200 1@1600 2@1610 .@2020 F .@2026 S"                                                             },
  /* both send */
