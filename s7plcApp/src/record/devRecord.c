@@ -8,6 +8,7 @@
 
 #include <alarm.h>
 #include <dbAccess.h>
+#include <dbBase.h>
 #include <dbLink.h>
 #include <epicsStdio.h>
 #include <epicsTime.h>
@@ -40,6 +41,41 @@ const char *devLinkText(dbCommon *prec)
     if (!link || link->type != INST_IO || !link->value.instio.string)
         return "";
     return link->value.instio.string;
+}
+
+/* --- Simulation ------------------------------------------------------------------------ */
+
+/* A field of the record by its name; NULL: its type has none. */
+static void *fieldOf(dbCommon *prec, const char *name)
+{
+    const dbRecordType *type = prec->rdes;
+    int i;
+
+    for (i = 0; i < type->no_fields; i++)
+        if (strcmp(type->papFldDes[i]->name, name) == 0)
+            return (char *)prec + type->papFldDes[i]->offset;
+    return NULL;
+}
+
+void devFindSimulation(devRecord *dev)
+{
+    dev->simm = fieldOf(dev->prec, "SIMM");
+    dev->siml = fieldOf(dev->prec, "SIML");
+}
+
+int devIsSimulated(dbCommon *prec)
+{
+    const devRecord *dev = prec->dpvt;
+    epicsEnum16 mode, status = prec->nsta, severity = prec->nsev;
+
+    if (!dev->simm)
+        return 0;
+    mode = *dev->simm;
+    dbGetLink(dev->siml, DBR_USHORT, &mode, NULL, NULL);
+    prec->nsta = status; /* a link that cannot be read is told when the record processes */
+    prec->nsev = severity;
+    plcClearMessage(prec);
+    return mode != 0;
 }
 
 /* --- Alarms and time stamps ----------------------------------------------------------- */

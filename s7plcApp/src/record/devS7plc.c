@@ -339,6 +339,7 @@ static void attach(dbCommon *prec)
 
     prec->dpvt = dev;
     dev->prec = prec;
+    devFindSimulation(dev);
     if (resolve(prec, dev, text, &error) == 0) {
         int out = devSupportOf(prec)->direction == devOut;
 

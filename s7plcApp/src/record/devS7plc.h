@@ -77,6 +77,8 @@ typedef struct devRecord {
     epicsUInt32 unshifted; /* and what it was; NULL and 0 else */
     const struct plcStatRow *statistic; /* of a devStatistics record */
     dbCommon *prec;
+    const epicsEnum16 *simm; /* its field SIMM, NULL: it has none; */
+    struct link *siml;       /* and SIML */
     devMember member[devListKinds];
     plcOwner owner; /* its place, for people; in a list while `listed` */
     int listed;
@@ -87,8 +89,6 @@ typedef struct devRecord {
     int known;         /* shown is filled, */
     int taken;         /* by what the PLC has, not by a put */
     int unproven;      /* put, and the PLC's values were not taken since */
-    const epicsEnum16 *simm; /* its field SIMM; NULL: it has none, */
-    struct link *siml;       /* and SIML */
     int following;     /* the record processes in order to follow, not to write */
     int takes;         /* plcStationTakes when it followed last */
     int refused;       /* the write that runs was refused by the station */
@@ -274,6 +274,11 @@ const void *devMask(const devRecord *dev, epicsUInt8 bytes[DEV_SCALAR]);
 
 /* Makes room for the alarm that is about to be raised, where the present one is only UDF. */
 void devOverUndefined(dbCommon *prec);
+
+/* SIMM is not NO, or would not be when the record processes now: it has to do with SIOL, not with the
+ * PLC. The record is locked, and has its dpvt; FindSimulation is called when that is made. */
+int devIsSimulated(dbCommon *prec);
+void devFindSimulation(devRecord *dev);
 
 /* INP or OUT as it stands there, without its @. */
 const char *devLinkText(dbCommon *prec);

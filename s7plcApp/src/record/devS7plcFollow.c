@@ -10,9 +10,7 @@
 
 #include <cantProceed.h>
 #include <dbAccess.h>
-#include <dbBase.h>
 #include <dbEvent.h>
-#include <dbLink.h>
 #include <dbLock.h>
 
 #include "devS7plc.h"
@@ -92,32 +90,6 @@ void devGoBack(dbCommon *prec, devRecord *dev)
     devTakeValue(prec, dev);
 }
 
-/* A field of the record by its name; NULL: its type has none. */
-static void *fieldOf(dbCommon *prec, const char *name)
-{
-    const dbRecordType *type = prec->rdes;
-    int i;
-
-    for (i = 0; i < type->no_fields; i++)
-        if (strcmp(type->papFldDes[i]->name, name) == 0)
-            return (char *)prec + type->papFldDes[i]->offset;
-    return NULL;
-}
-
-/* It is simulated, or would be when it processes now: what the PLC shows would go to SIOL. */
-static int isSimulated(dbCommon *prec, const devRecord *dev)
-{
-    epicsEnum16 mode, status = prec->nsta, severity = prec->nsev;
-
-    if (!dev->simm)
-        return 0;
-    mode = *dev->simm;
-    dbGetLink(dev->siml, DBR_USHORT, &mode, NULL, NULL);
-    prec->nsta = status; /* a link that cannot be read is told when the record processes */
-    prec->nsev = severity;
-    return mode != 0;
-}
-
 /* Processes the record so that it takes its value. */
 static void followByProcess(dbCommon *prec, devRecord *dev)
 {
@@ -171,7 +143,7 @@ static void followRecord(dbCommon *prec, const plcStation *station, int takes)
             dev->following = 1;
         return;
     }
-    if (isSimulated(prec, dev)) {
+    if (devIsSimulated(prec)) {
         dev->known = 0; /* the PLC's value is news, once it is not any more */
         plcStationTellLater(dev->station);
         return;
@@ -231,8 +203,6 @@ void devFollowJoin(devRecord *dev)
     if (dev->shifted)
         dev->mask = *dev->shifted;
     dev->shown = callocMustSucceed(1, dev->length + 1, "devFollowJoin");
-    dev->simm = fieldOf(dev->prec, "SIMM");
-    dev->siml = fieldOf(dev->prec, "SIML");
     devListJoin(dev, devFollowers); /* first: its place may be filled at once, and that is told once */
     plcStationAddReadback(dev->station, dev, dev->offset,
                           dev->has & plcHasR ? dev->readback : PLC_NO_PLACE, dev->length,

@@ -13,20 +13,9 @@
 #include <dbEvent.h>
 #include <dbLock.h>
 #include <dbScan.h>
-#include <epicsStdio.h>
 
 #include "devS7plc.h"
 #include "plcCompat.h"
-
-/* Then its value and its alarm are not the PLC's. */
-static int isSimulated(const dbCommon *prec)
-{
-    char name[sizeof(prec->name) + 5];
-    DBADDR field;
-
-    epicsSnprintf(name, sizeof(name), "%s.SIMM", prec->name);
-    return dbNameToAddr(name, &field) == 0 && *(const epicsEnum16 *)field.pfield != 0;
-}
 
 /* The record is locked. */
 static void sayWhy(dbCommon *prec, const devRecord *dev)
@@ -34,7 +23,7 @@ static void sayWhy(dbCommon *prec, const devRecord *dev)
     char reason[PLC_REASON_SIZE];
 
     plcImageReason(dev->image, reason);
-    if (!reason[0] || (prec->stat == COMM_ALARM && devSays(prec, reason)) || isSimulated(prec))
+    if (!reason[0] || (prec->stat == COMM_ALARM && devSays(prec, reason)) || devIsSimulated(prec))
         return; /* a pass is about to process it; or it has been said */
     plcClearMessage(prec);
     recGblSetSevrMsg(prec, COMM_ALARM, INVALID_ALARM, "%s", reason);
