@@ -78,6 +78,15 @@ class Device:
             self.ioc.put(f"o{i}", 100 + i)
         self.plc.answering.set()
 
+    def link_changes_while_away(self):
+        """The one of o1, whose put of 7 waits."""
+        self.plc.power_off()
+        self.ioc.wait_log("disconnected")
+        self.ioc.put("o1", 7)
+        self.ioc.wait_alarm("o1", "INVALID", "COMM")
+        self.ioc.put("o1.OUT", "@PLC/20 T=UINT16")
+        self.ioc.wait_alarm("o1", "INVALID", "WRITE", "link changed: value not written")
+
     def good(self, name, value, at):
         self.ioc.put(name, value)
         until_equal(lambda: self.plc.holding[BASE + at], value)
@@ -335,12 +344,7 @@ def test_link_changes_while_away(new_modbus, new_ioc, complete):
     """what was put while the device was away does not leave for the old place of a link that has changed, and has its alarm until the next put (complete={complete})"""
     d = Device(new_modbus, new_ioc, f"complete {complete}", "readPeriod 0")
     plc, ioc = d.plc, d.ioc
-    plc.power_off()
-    ioc.wait_log("disconnected")
-    ioc.put("o1", 7)
-    ioc.wait_alarm("o1", "INVALID", "COMM")
-    ioc.put("o1.OUT", "@PLC/20 T=UINT16")
-    ioc.wait_alarm("o1", "INVALID", "WRITE", "link changed: value not written")
+    d.link_changes_while_away()
     ioc.put("o2", 8)
     plc.power_on()
     ioc.wait_alarm("o2", "NO_ALARM")
@@ -354,12 +358,7 @@ def test_link_changes_where_it_follows(new_modbus, new_ioc):
     d = Device(new_modbus, new_ioc, "track on", "readPeriod 50")
     plc, ioc = d.plc, d.ioc
     plc.holding[BASE + 10] = 33
-    plc.power_off()
-    ioc.wait_log("disconnected")
-    ioc.put("o1", 7)
-    ioc.wait_alarm("o1", "INVALID", "COMM")
-    ioc.put("o1.OUT", "@PLC/20 T=UINT16")
-    ioc.wait_alarm("o1", "INVALID", "WRITE", "link changed: value not written")
+    d.link_changes_while_away()
     plc.power_on()
     ioc.wait_value("o1", 33)
     ioc.wait_alarm("o1", "NO_ALARM")

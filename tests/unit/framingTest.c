@@ -287,6 +287,17 @@ static void testNoInput(void)
     plcFramingDestroy(NULL);
 }
 
+/* 20 blocks of 64 bytes with a rhythm of 10 ms, then one byte of the next. */
+static void rhythmEnds(stream *s)
+{
+    int i;
+
+    streamOpen(s, 64, 64);
+    for (i = 0; i < 20; i++)
+        arrive(s, 64, 10 * MS);
+    arrive(s, 1, 10 * MS);
+}
+
 /* A PLC whose blocks had a rhythm, and then come without any pause, in segments of any size. */
 static void testFlood(void)
 {
@@ -295,10 +306,7 @@ static void testFlood(void)
     stream s;
     int i;
 
-    streamOpen(&s, 64, 64);
-    for (i = 0; i < 20; i++)
-        arrive(&s, 64, 10 * MS);
-    arrive(&s, 1, 10 * MS);
+    rhythmEnds(&s);
     for (i = 0; i < 45; i++) /* an odd number of bytes is no block */
         arrive(&s, 2 + next(&seed) % 25 * 2, MS);
     used = s.used;
@@ -332,10 +340,7 @@ static void testAfterFlood(void)
     stream s;
     int i;
 
-    streamOpen(&s, 64, 64);
-    for (i = 0; i < 20; i++)
-        arrive(&s, 64, 10 * MS);
-    arrive(&s, 1, 10 * MS);
+    rhythmEnds(&s);
     for (i = 0; i < 60; i++)
         arrive(&s, 20, MS);
     arrive(&s, 64 - s.sent % 64, MS);
