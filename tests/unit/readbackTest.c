@@ -71,6 +71,8 @@ static const struct {
     {"what the PLC changes is taken", "sA=A sB=B sC=C"},
     {"a put stays until the PLC shows it", "pB sA=B t sA=B sB=B sC=C"},
     {"a put that the PLC shows at once", "pB t sB=B sC=C"},
+    {"a put whose value the PLC shows before it has left: that is an older one of the same value",
+     "sA=A pB sB=B sA=B t sA=B sB=B sC=C"},
     {"a put that goes back before the PLC has shown the new value",
      "pB t sA=B pA t sA=A sA=A sB=A sB=A sA=A sC=C"},
     {"the same, and both leave before the next block", "pB t pA t sA=A sB=A sA=A sC=C"},

@@ -392,13 +392,14 @@ typedef struct look {
     const plcShownAfter *after;
 } look;
 
-/* True when the PLC's value counts again. */
+/* True when the PLC's value counts again. What is shown before the put has left is an older one of
+ * the same value. */
 static int isDone(place *p, const epicsUInt8 *shown, int same, const look *l)
 {
     if (l->after)
         return isAfter(p, l->after);
     advance(p, shown);
-    return (same && p->reached == p->count && !p->many) ||
+    return (same && (p->left || l->takes > p->takes) && p->reached == p->count && !p->many) ||
            isOver(p, l->takes, l->now, l->limit, l->through);
 }
 
